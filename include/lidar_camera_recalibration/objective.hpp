@@ -1,0 +1,46 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <memory>
+#include <string>
+
+#include "lidar_camera_recalibration/frame.hpp"
+
+namespace lidar_camera_recalibration {
+
+/// The score of one extrinsic on a set of frames; higher is better.
+struct Score {
+  double total = 0.0;  ///< what the search maximises
+  // Means over the masks, weighted like the total; 0..1.
+  double reflectivity = 0.0;  ///< F_R
+  double normal = 0.0;        ///< F_N
+  double segment = 0.0;       ///< F_S
+  std::size_t points = 0;     ///< points that fell into at least one mask
+  std::size_t masks = 0;      ///< masks that received at least one point
+};
+
+struct ObjectiveConfig {
+  std::string objective = "paper";  ///< `paper`: the consistency score of Calib-Anything
+  double weight_reflectivity = 1.0 / 3.0;  ///< w_R; shared out to the others where a cloud has no reflectivity
+  double weight_normal = 1.0 / 3.0;        ///< w_N
+  double weight_segment = 1.0 / 3.0;       ///< w_S
+};
+
+/// Scores extrinsics on a fixed set of frames. Owns its scratch memory: one evaluator per thread.
+class Evaluator {
+ public:
+  virtual ~Evaluator() = default;
+  virtual Score operator()(const Eigen::Isometry3d& T_camera_lidar) = 0;
+};
+
+/// An objective is a recipe for evaluators.
+class Objective {
+ public:
+  virtual ~Objective() = default;
+  virtual std::unique_ptr<Evaluator> evaluator(const Frames& frames) const = 0;
+};
+
+/// @throw Error(kParameter) for an unknown objective or weights that are negative or all zero.
+std::unique_ptr<Objective> makeObjective(const ObjectiveConfig& config);
+
+}  // namespace lidar_camera_recalibration

@@ -1,0 +1,39 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <optional>
+#include <string>
+
+#include "lidar_camera_recalibration/extrinsic.hpp"
+
+namespace lidar_camera_recalibration {
+
+/// What is kept of a calibration on disk.
+struct StoredCalibration {
+  Eigen::Isometry3d T_camera_lidar = Eigen::Isometry3d::Identity();
+  std::string camera_frame;  ///< optical frame
+  std::string lidar_frame;
+  std::optional<Matrix6d> covariance;
+  double score_before = 0.0, score_after = 0.0;
+  bool accepted = true;
+  std::string reason;
+  std::size_t frames = 0;
+  double stamp = 0.0;        ///< when it was calibrated: stamp of the newest frame [s]
+  std::string source;        ///< provenance: node name or bag files
+};
+
+/// YAML text: the 4x4, quaternion, xyz/rpy, a ready static_transform_publisher line, a URDF <origin>, covariance and provenance.
+std::string toYaml(const StoredCalibration& calibration);
+
+/// Reads T_camera_lidar and whatever else is there; also accepts CalibAnything's calib.json (`T_lidar_to_cam`).
+/// @throw Error(kFile) naming the file and what is wrong with it.
+StoredCalibration readCalibration(const std::string& path);
+
+/// Writes to a temporary file beside it and renames, so that a reader never sees half a file.
+/// @throw Error(kFile) with the system's reason; the old file is then untouched.
+void writeCalibration(const std::string& path, const StoredCalibration& calibration);
+
+/// writeCalibration's way for any text.
+void writeFileAtomically(const std::string& path, const std::string& text);
+
+}  // namespace lidar_camera_recalibration

@@ -1,0 +1,64 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "frame_synchroniser.hpp"
+#include "lidar_camera_recalibration/calibrator.hpp"
+#include "lidar_camera_recalibration/frame.hpp"
+#include "lidar_camera_recalibration/overlay.hpp"
+
+namespace XmlRpc {
+class XmlRpcValue;
+}
+
+namespace lidar_camera_recalibration {
+
+/// All that the server can be told. config/recalibration.yaml explains every member; the defaults are here and in the core's structs.
+struct ServerConfig {
+  std::string mode = "on_request";
+
+  // Inputs
+  SynchroniserConfig synchroniser;
+  bool image_rectified = false;
+  std::string intensity_field;  ///< empty: automatic
+  std::string camera_frame;     ///< optical frame; empty: the image's frame id
+  std::string lidar_frame;      ///< empty: the cloud's frame id
+
+  // Initial guess: the saved result, or this matrix, or tf
+  std::optional<Eigen::Isometry3d> initial_T_camera_lidar;
+  bool initial_from_saved = true;
+
+  // Frames
+  FrameConfig frame;
+  int frames_min = 5;
+  int frames_max = 20;                            ///< the oldest one leaves
+  double frames_min_interval = 1.0;               ///< between the stamps of two kept frames [s]
+  std::size_t frames_max_bytes = 512u * 1024 * 1024;
+
+  // Search and gate
+  CalibratorConfig calibrator;
+  double service_timeout = 300.0;                 ///< of ~recalibrate with wait [s]
+
+  // Outputs
+  std::string tf_child_frame;                     ///< empty: <camera frame>_recalibrated
+  bool tf_publish = true;
+  std::string tf_correct_parent, tf_correct_child;  ///< both or none: the edge of the vehicle's chain that this node owns
+  std::string result_file;                        ///< written after each accepted result and by ~save; empty: never by itself
+  OverlayColor overlay_color = OverlayColor::kDepth;
+  bool overlay_compare = false;                   ///< start and result one above the other
+};
+
+/// Looks up a parameter by its private name (`search/seed`); false if it is not set.
+using ParameterSource = std::function<bool(const std::string& name, XmlRpc::XmlRpcValue& value)>;
+
+/// Every parameter that exists, with its default, in the order of config/recalibration.yaml.
+std::vector<std::string> parameterNames();
+
+/// @throw Error(kParameter) naming the parameter, its value and what is allowed.
+ServerConfig readServerConfig(const ParameterSource& source);
+
+}  // namespace lidar_camera_recalibration
