@@ -1,5 +1,7 @@
 #include "result_messages.hpp"
 
+#include <boost/make_shared.hpp>
+
 #include <cv_bridge/cv_bridge.h>
 #include <sensor_msgs/image_encodings.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
