@@ -44,7 +44,7 @@ struct CalibrationResult {
   double duration = 0.0;         ///< wall time of the search [s]
 };
 
-/// Share of a fixed pattern of perturbations (+-0.5 and 1 deg, +-10 cm on each axis) that scores worse than T: 1 at a clean optimum,
+/// Share of a fixed pattern of perturbations (+-0.5 and 1 deg, +-10 and 20 cm on each axis) that scores worse than T: 1 at a clean optimum,
 /// about 0.5 at an arbitrary place.
 double validityIndex(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar);
 
