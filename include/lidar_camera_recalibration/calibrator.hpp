@@ -27,7 +27,7 @@ struct CalibratorConfig {
 
 constexpr std::array<double, 3> kShiftDistances = {10.0, 20.0, 40.0};  ///< [m]
 
-struct CalibrationResult {
+struct CalibrationOutcome {
   Eigen::Isometry3d T_camera_lidar = Eigen::Isometry3d::Identity();  ///< what the search found, accepted or not
   Eigen::Isometry3d start = Eigen::Isometry3d::Identity();
   /// Covariance of the perturbation xi (see extrinsic.hpp) [rad^2, m^2] from disjoint groups of frames; nothing below 4 frames.
@@ -50,7 +50,7 @@ double validityIndex(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lid
 
 /// Frames and a start become a judged result: search, covariance, validity, gate. Stateless; one call, one calibration.
 /// @throw Error(kNotEnough) without frames, Error(kParameter) for a bad configuration.
-CalibrationResult calibrate(const Frames& frames, const Eigen::Isometry3d& start, const CalibratorConfig& config,
+CalibrationOutcome calibrate(const Frames& frames, const Eigen::Isometry3d& start, const CalibratorConfig& config,
                             const Progress& progress = nullptr);
 
 }  // namespace lidar_camera_recalibration
