@@ -36,7 +36,7 @@ CalibratorConfig quickConfig() {
 
 TEST(Calibrator, FindsTheExtrinsicOfAnExactScene) {
   const Eigen::Isometry3d start = perturbed(2.5, 0.1);
-  const CalibrationResult result = calibrate(makeFrames(4, start), start, quickConfig());
+  const CalibrationOutcome result = calibrate(makeFrames(4, start), start, quickConfig());
   const ExtrinsicError before = extrinsicError(start, SyntheticScene::T_camera_lidar());
   const ExtrinsicError after = extrinsicError(result.T_camera_lidar, SyntheticScene::T_camera_lidar());
   EXPECT_TRUE(result.accepted) << result.reason;
@@ -57,9 +57,9 @@ TEST(Calibrator, LeavesAGoodExtrinsicAlone) {
   config.range.rotation_deg = 1.0;
   config.range.translation_m = 0.02;
   const Frames frames = makeFrames(3, truth);
-  const CalibrationResult first = calibrate(frames, truth, config);
+  const CalibrationOutcome first = calibrate(frames, truth, config);
   EXPECT_LT(extrinsicError(first.T_camera_lidar, truth).angle() / kDegree, 0.3);
-  const CalibrationResult second = calibrate(frames, first.T_camera_lidar, config);
+  const CalibrationOutcome second = calibrate(frames, first.T_camera_lidar, config);
   EXPECT_FALSE(second.accepted);
   EXPECT_NE(second.reason.find("min_gain"), std::string::npos) << second.reason;
   EXPECT_FALSE(second.covariance.has_value()) << "3 frames are too few";
@@ -71,7 +71,7 @@ TEST(Calibrator, RefusesAResultOnTheBorderOfTheRange) {
   config.range.rotation_deg = 1.0;
   config.range.translation_m = 0.0;
   config.search.refine_evaluations = 0;
-  const CalibrationResult result = calibrate(makeFrames(3, start), start, config);
+  const CalibrationOutcome result = calibrate(makeFrames(3, start), start, config);
   EXPECT_FALSE(result.accepted);
   EXPECT_NE(result.reason.find("border"), std::string::npos) << result.reason;
 }
@@ -80,15 +80,15 @@ TEST(Calibrator, RefusesFramesWithoutCommonView) {
   Eigen::Isometry3d away = SyntheticScene::T_camera_lidar();
   const Frames frames = makeFrames(1, away);
   away = Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitY()) * away;
-  const CalibrationResult result = calibrate(frames, away, quickConfig());
+  const CalibrationOutcome result = calibrate(frames, away, quickConfig());
   EXPECT_FALSE(result.accepted);
   EXPECT_NE(result.reason.find("no LiDAR point"), std::string::npos) << result.reason;
 }
 
 TEST(Calibrator, CanBeCancelled) {
   const Eigen::Isometry3d start = perturbed(2.0, 0.05);
-  const CalibrationResult result = calibrate(makeFrames(1, start), start, quickConfig(),
-                                             [](double fraction, double) { return fraction < 0.2; });
+  const CalibrationOutcome result = calibrate(makeFrames(1, start), start, quickConfig(),
+                                              [](double fraction, double) { return fraction < 0.2; });
   EXPECT_TRUE(result.cancelled);
   EXPECT_FALSE(result.accepted);
 }

@@ -54,14 +54,14 @@ double frameAgreement(const Objective& objective, const Frames& frames, const Ei
   return static_cast<double>(better) / static_cast<double>(frames.size());
 }
 
-bool onBorder(const CalibrationResult& result, const SearchRange& range) {
+bool onBorder(const CalibrationOutcome& result, const SearchRange& range) {
   const Vector6d xi = log(result.T_camera_lidar * result.start.inverse());
   constexpr double kAlmost = 0.99;
   return xi.head<3>().cwiseAbs().maxCoeff() > kAlmost * range.rotation_deg * kDegree;
 }
 
 /// Sets accepted and reason.
-void judge(CalibrationResult& result, const CalibratorConfig& config) {
+void judge(CalibrationOutcome& result, const CalibratorConfig& config) {
   const GateConfig& gate = config.gate;
   const double gain = result.after.total - result.before.total;
   result.accepted = false;
@@ -116,8 +116,8 @@ double validityIndex(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lid
   return static_cast<double>(worse) / count;
 }
 
-CalibrationResult calibrate(const Frames& frames, const Eigen::Isometry3d& start,
-                            const CalibratorConfig& config, const Progress& progress) {
+CalibrationOutcome calibrate(const Frames& frames, const Eigen::Isometry3d& start,
+                             const CalibratorConfig& config, const Progress& progress) {
   if (frames.empty()) throw Error(ErrorCause::kNotEnough, "calibration: there is no frame");
   const auto begin = std::chrono::steady_clock::now();
   const std::unique_ptr<Objective> objective = makeObjective(config.objective);
@@ -129,7 +129,7 @@ CalibrationResult calibrate(const Frames& frames, const Eigen::Isometry3d& start
     return !progress || progress(kSearchShare * fraction, best);
   };
   const SearchResult found = search->run(*objective, frames, start, config.range, search_progress);
-  CalibrationResult result;
+  CalibrationOutcome result;
   result.start = start;
   result.T_camera_lidar = found.T_camera_lidar;
   result.before = found.before;
