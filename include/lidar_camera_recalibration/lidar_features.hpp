@@ -10,7 +10,7 @@ namespace lidar_camera_recalibration {
 
 /// Preparation of a cloud, paper section III-B ("Data Preprocessing").
 struct LidarFeatureConfig {
-  int normal_neighbours = 30;             ///< k of the k-NN plane fit
+  int normal_neighbours = 30;             ///< k of the k-NN plane fit, the point itself included
   double reflectivity_quantile = 0.99;    ///< this quantile of the reflectivity becomes 1, all above is clamped to 1
   double plane_distance = 0.15;           ///< RANSAC inlier distance [m]
   int plane_min_points = 1500;            ///< a plane needs so many inliers
@@ -24,7 +24,7 @@ struct LidarFeatureConfig {
 struct LidarFeatures {
   static constexpr std::int32_t kNoSegment = -1;
 
-  std::vector<Eigen::Vector3f> normals;  ///< unit vectors facing the sensor; zero where no plane fits (fewer than 3 neighbours)
+  std::vector<Eigen::Vector3f> normals;  ///< unit vectors facing the sensor; zero where no plane fits (fewer than 3 points, or all on a line)
   std::vector<float> reflectivity;       ///< 0..1; empty if the cloud has none
   std::vector<std::int32_t> segment;     ///< class id 0..segment_count-1 (planes first), kNoSegment for isolated points
   std::int32_t plane_count = 0;
