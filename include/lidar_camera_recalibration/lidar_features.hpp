@@ -13,7 +13,7 @@ struct LidarFeatureConfig {
   int normal_neighbours = 30;             ///< k of the k-NN plane fit, the point itself included
   double reflectivity_quantile = 0.99;    ///< this quantile of the reflectivity becomes 1, all above is clamped to 1
   double plane_distance = 0.15;           ///< RANSAC inlier distance [m]
-  int plane_min_points = 1500;            ///< a plane needs so many inliers
+  int plane_min_points = 1500;            ///< a plane needs so many inliers whose normals agree
   int plane_max_count = 8;                ///< stop after so many planes
   double cluster_tolerance = 0.3;         ///< smallest gap between two clusters [m] ...
   double cluster_tolerance_slope = 0.015;  ///< ... which grows with range: tolerance = max(tolerance, slope * range) [m/m]
@@ -38,6 +38,7 @@ std::vector<Eigen::Vector3f> estimateNormals(const std::vector<Eigen::Vector3f>&
 std::vector<float> normaliseReflectivity(const std::vector<float>& reflectivity, double quantile);
 
 /// Large planes by RANSAC, then Euclidean clusters of *all* remaining points.
+/// Points support a plane if their normals agree with it; features.normals are estimated if they are not there yet.
 /// Deterministic. Planes are numbered first, in the order of their size.
 void segment(const std::vector<Eigen::Vector3f>& points, const LidarFeatureConfig& config, LidarFeatures& features);
 

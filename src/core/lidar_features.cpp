@@ -8,6 +8,8 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <numeric>
+#include <random>
 #include <string>
 
 #include "lidar_camera_recalibration/error.hpp"
@@ -16,6 +18,7 @@ namespace lidar_camera_recalibration {
 namespace {
 
 using PclCloud = pcl::PointCloud<pcl::PointXYZ>;
+using PclNormals = pcl::PointCloud<pcl::Normal>;
 using Indices = std::vector<int>;
 
 // Neighbours whose second principal variance is below this share of the first one lie on a line: they fit any
@@ -26,6 +29,10 @@ constexpr double kLineRatio = 1e-6;
 // bound means that planes far below a tenth of the points may be missed; these become clusters.
 constexpr double kRansacProbability = 0.99;
 constexpr int kRansacMaxIterations = 1000;
+// RANSAC looks for a plane in a random sample of so many points: this bounds its time.
+constexpr std::size_t kRansacSample = 2000;
+// A normal that is off by more than this never supports a plane [rad].
+constexpr double kMaxNormalAngle = M_PI / 3.0;
 
 PclCloud::Ptr toPcl(const std::vector<Eigen::Vector3f>& points) {
   PclCloud::Ptr cloud(new PclCloud);
@@ -54,40 +61,52 @@ Eigen::Vector3d planeNormal(const std::vector<Eigen::Vector3f>& points, const In
   return solver.eigenvectors().col(0);
 }
 
-// Takes the largest plane out of `remaining`. Returns its points, or none if they are too few.
-Indices takePlane(const PclCloud::Ptr& cloud, const LidarFeatureConfig& config, Indices& remaining) {
+// Finds the largest plane among `candidates`. Only points whose normals agree support it: without normals, a
+// slab cut level through cars, trees and walls beats every real surface, for a ring of the LiDAR lies in it.
+// Returns its coefficients, or none if the support is too small.
+std::vector<float> findPlane(const PclCloud::Ptr& cloud, const PclNormals::Ptr& normals,
+                             const LidarFeatureConfig& config, const Indices& candidates) {
   const auto min_points = static_cast<std::size_t>(std::max(config.plane_min_points, 3));
-  if (remaining.size() < min_points) return {};
-
-  pcl::SACSegmentation<pcl::PointXYZ> ransac;  // its seed is fixed
-  ransac.setModelType(pcl::SACMODEL_PLANE);
+  if (candidates.size() < min_points) return {};
+  const pcl::IndicesPtr sample(new Indices);
+  std::sample(candidates.begin(), candidates.end(), std::back_inserter(*sample), kRansacSample,
+              std::mt19937(static_cast<std::mt19937::result_type>(candidates.size())));
+  pcl::SACSegmentationFromNormals<pcl::PointXYZ, pcl::Normal> ransac;  // its seed is fixed
+  ransac.setModelType(pcl::SACMODEL_NORMAL_PLANE);
   ransac.setMethodType(pcl::SAC_RANSAC);
   ransac.setDistanceThreshold(config.plane_distance);
+  // The distance of a point becomes (1 - w) * metres + w * radians; at 60 deg nothing is left of the
+  // threshold.
+  const double angle_scale = config.plane_distance / kMaxNormalAngle;
+  ransac.setNormalDistanceWeight(angle_scale / (1.0 + angle_scale));
   ransac.setProbability(kRansacProbability);
   ransac.setMaxIterations(kRansacMaxIterations);
   ransac.setOptimizeCoefficients(true);
   ransac.setInputCloud(cloud);
-  ransac.setIndices(pcl::IndicesPtr(new Indices(remaining)));
-  pcl::PointIndices inliers;
+  ransac.setInputNormals(normals);
+  ransac.setIndices(sample);
+  pcl::PointIndices support;
   pcl::ModelCoefficients plane;
-  ransac.segment(inliers, plane);
-  if (inliers.indices.size() < min_points) return {};
-
-  std::sort(inliers.indices.begin(), inliers.indices.end());
-  Indices rest;
-  std::set_difference(remaining.begin(), remaining.end(), inliers.indices.begin(), inliers.indices.end(),
-                      std::back_inserter(rest));
-  remaining.swap(rest);
-  return inliers.indices;
+  ransac.segment(support, plane);
+  if (support.indices.size() * candidates.size() < min_points * sample->size()) return {};
+  return plane.values;
 }
 
-std::vector<Indices> takePlanes(const PclCloud::Ptr& cloud, const LidarFeatureConfig& config,
-                                Indices& remaining) {
+// Takes planes out of `remaining`, each with all points near it, whatever their normals: where the plane is
+// sampled thinly or ends, normals are poor.
+std::vector<Indices> takePlanes(const PclCloud::Ptr& cloud, const PclNormals::Ptr& normals,
+                                const LidarFeatureConfig& config, Indices& remaining) {
   std::vector<Indices> planes;
   while (static_cast<int>(planes.size()) < config.plane_max_count) {
-    Indices plane = takePlane(cloud, config, remaining);
+    const std::vector<float> plane = findPlane(cloud, normals, config, remaining);
     if (plane.empty()) break;
-    planes.push_back(std::move(plane));
+    const Eigen::Map<const Eigen::Vector4f> coefficients(plane.data());
+    const auto off_plane = [&](int i) {
+      return std::abs(coefficients.dot(cloud->points[i].getVector4fMap())) > config.plane_distance;
+    };
+    const auto split = std::stable_partition(remaining.begin(), remaining.end(), off_plane);
+    planes.emplace_back(split, remaining.end());
+    remaining.erase(split, remaining.end());
   }
   return planes;
 }
@@ -184,11 +203,16 @@ void segment(const std::vector<Eigen::Vector3f>& points, const LidarFeatureConfi
   features.segment.assign(points.size(), LidarFeatures::kNoSegment);
   features.plane_count = 0;
   features.segment_count = 0;
+  if (features.normals.size() != points.size()) {
+    features.normals = estimateNormals(points, config.normal_neighbours);
+  }
   const PclCloud::Ptr cloud = toPcl(points);
+  const PclNormals::Ptr normals(new PclNormals);
+  for (const auto& n : features.normals) normals->push_back(pcl::Normal(n.x(), n.y(), n.z()));
   Indices remaining(points.size());
-  for (std::size_t i = 0; i < points.size(); ++i) remaining[i] = static_cast<int>(i);
+  std::iota(remaining.begin(), remaining.end(), 0);
 
-  numberBySize(takePlanes(cloud, config, remaining), features);
+  numberBySize(takePlanes(cloud, normals, config, remaining), features);
   features.plane_count = features.segment_count;
   numberBySize(clusters(*cloud, config, remaining), features);
 }
