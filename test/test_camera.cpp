@@ -30,10 +30,10 @@ lcr::Intrinsics intrinsics(DistortionModel model = DistortionModel::kNone,
   return i;
 }
 
-lcr::Intrinsics wideAngle(DistortionModel model, const std::vector<double>& d) {
+lcr::Intrinsics wideAngle(DistortionModel model, const std::vector<double>& d, double f = 220.0) {
   lcr::Intrinsics i = intrinsics(model, d);
-  i.fx = 220.0;
-  i.fy = 221.0;
+  i.fx = f;
+  i.fy = f + 1.0;
   return i;
 }
 
@@ -47,8 +47,8 @@ std::vector<lcr::Intrinsics> lenses() {
           intrinsics(DistortionModel::kPlumbBob, {-0.1192, 0.162, 0.00073985, 0.0014}),
           intrinsics(DistortionModel::kRationalPolynomial, kRational),
           intrinsics(DistortionModel::kEquidistant, kEquidistant),
-          wideAngle(DistortionModel::kEquidistant, kEquidistant),
-          wideAngle(DistortionModel::kEquidistant, {0.0, 0.0, 0.0, 0.0})};
+          wideAngle(DistortionModel::kEquidistant, kEquidistant, 300.0),
+          wideAngle(DistortionModel::kEquidistant, {0.0, 0.0, 0.0, 0.0}, 270.0)};
 }
 
 std::vector<cv::Point3d> grid() {
