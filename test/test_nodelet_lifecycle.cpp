@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <opencv2/imgcodecs.hpp>
 
 #include "ros_rig.hpp"
 
@@ -43,6 +44,15 @@ std::vector<std::string> loaded() {
   nodelet::NodeletList service;
   EXPECT_TRUE(ros::service::call(kManager + "/list", service)) << "the manager is gone";
   return service.response.nodelets;
+}
+
+sensor_msgs::CompressedImage compressed(const sensor_msgs::Image& image, const std::string& format,
+                                        const std::string& extension) {
+  sensor_msgs::CompressedImage message;
+  message.header = image.header;
+  message.format = format;
+  cv::imencode(extension, cv_bridge::toCvCopy(image)->image, message.data);
+  return message;
 }
 
 void setQuickParameters(const std::string& node) {
@@ -113,8 +123,8 @@ TEST(NodeletLifecycle, TakesCompressedImages) {
     return rig
         .frame(1, ros::Time(stamp += 2.0),
                [&](FrameMessages& messages) {
-                 image.publish(cv_bridge::toCvShare(messages.image)->toCompressedImageMsg(cv_bridge::JPG));
-                 masks.publish(cv_bridge::toCvShare(messages.masks)->toCompressedImageMsg(cv_bridge::PNG));
+                 image.publish(compressed(*messages.image, "bgr8; jpeg compressed bgr8", ".jpg"));
+                 masks.publish(compressed(*messages.masks, "16UC1; png compressed", ".png"));
                  messages.image.reset();
                  messages.masks.reset();
                })
