@@ -31,7 +31,7 @@ constexpr double kMaskDelay =
 
 struct Options {
   std::string folder, out, frames;
-  int every = 1, max = 0;  ///< max 0: all
+  int every = 1, max = 0;       ///< max 0: all
   std::vector<double> perturb;  ///< [deg], [m]
   std::uint64_t seed = 1;
   double rate = 0.0;
