@@ -6,6 +6,7 @@
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <tf2/buffer_core.h>
+#include <tf2/exceptions.h>
 #include <tf2_msgs/TFMessage.h>
 
 #include <algorithm>
@@ -52,7 +53,7 @@ struct TopicStats {
 
 struct Contents {
   std::map<std::string, TopicStats> topics;
-  tf2::BufferCore tf{ros::Duration(1e6)};
+  tf2::BufferCore tf;
   bool has_tf = false;
   std::map<std::string, std::string> tf_problems;  ///< transforms that tf2 refuses, by edge
   // First messages of the inputs.
@@ -422,7 +423,7 @@ int check(const Options& options) {
 
 }  // namespace
 
-int checkBag(int argc, char** argv) {
+int checkBagMain(int argc, char** argv) {
   Options options;
   CommandLine line{
       "check_bag BAG... [options]",
@@ -443,4 +444,4 @@ int checkBag(int argc, char** argv) {
 
 }  // namespace lidar_camera_recalibration
 
-int main(int argc, char** argv) { return lidar_camera_recalibration::checkBag(argc, argv); }
+int main(int argc, char** argv) { return lidar_camera_recalibration::checkBagMain(argc, argv); }

@@ -209,7 +209,7 @@ int convert(const Options& options) {
 
 }  // namespace
 
-int datasetToBag(int argc, char** argv) {
+int datasetToBagMain(int argc, char** argv) {
   Options options;
   CommandLine line{
       "dataset_to_bag FOLDER [options]",
@@ -243,4 +243,4 @@ int datasetToBag(int argc, char** argv) {
 
 }  // namespace lidar_camera_recalibration
 
-int main(int argc, char** argv) { return lidar_camera_recalibration::datasetToBag(argc, argv); }
+int main(int argc, char** argv) { return lidar_camera_recalibration::datasetToBagMain(argc, argv); }
