@@ -371,7 +371,7 @@ int calibrateBagMain(int argc, char** argv) {
                              "the recording")("config", po::value(&options.config)->value_name("YAML"),
                                               "parameters of the node (default: its defaults)")(
       "set", po::value(&options.assignments)->composing()->value_name("NAME=VALUE"),
-      "one parameter, such as search/seed=7; may be repeated")(
+      "one parameter, such as gate/min_gain=0.01; may be repeated")(
       "out", po::value(&options.out)->value_name("YAML"),
       "the result, also a rejected one: it says so inside")(
       "overlay", po::value(&options.overlay)->value_name("PNG"), "the newest frame before and after")(

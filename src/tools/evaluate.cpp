@@ -392,7 +392,7 @@ int evaluateMain(int argc, char** argv) {
       "config", po::value(&options.config)->value_name("YAML"),
       "parameters of the node (frames, search, gate)")(
       "set", po::value(&options.assignments)->composing()->value_name("NAME=VALUE"),
-      "one parameter, such as search/seed=7; may be repeated");
+      "one parameter, such as gate/min_gain=0.01; may be repeated");
   return runTool(argc, argv, line, [&options](const po::variables_map&) {
     if (options.frame_set != "all" && options.frame_set != "even" && options.frame_set != "odd") {
       throw po::error("--frame-set " + options.frame_set + ": must be all, even or odd");
