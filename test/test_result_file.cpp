@@ -142,6 +142,15 @@ TEST_F(ResultFile, HeaderSaysWhichDirection) {
   EXPECT_TRUE(std::regex_match(node["package_version"].as<std::string>(), std::regex("\\d+\\.\\d+\\.\\d+")));
 }
 
+TEST_F(ResultFile, SmallNumbersAreNumbersForYaml11) {
+  lcr::StoredCalibration c;
+  c.score_before = 1e-5;
+  c.score_after = -1.5e-7;
+  const YAML::Node node = YAML::Load(lcr::toYaml(c));
+  EXPECT_EQ(node["score_before"].Scalar(), "1.0e-05");
+  EXPECT_EQ(node["score_after"].Scalar(), "-1.5e-07");
+}
+
 TEST_F(ResultFile, OtherNotationsAreTheSameTransform) {
   const lcr::StoredCalibration c = example();
   const YAML::Node node = YAML::Load(lcr::toYaml(c));

@@ -50,7 +50,12 @@ std::string number(double value) {
     double back = 0.0;
     // A denormal fails to read although it was parsed, so the value alone counts.
     in >> back;
-    if (back == value || digits == 17) return out.str();
+    if (back != value && digits < 17) continue;
+    std::string text = out.str();
+    const std::size_t exponent = text.find('e');
+    // YAML 1.1 readers such as Python's take 1e-05 for a string.
+    if (exponent != std::string::npos && text.find('.') == std::string::npos) text.insert(exponent, ".0");
+    return text;
   }
 }
 
