@@ -52,10 +52,23 @@ void NodeInterface::start() {
     return private_node_.getParam(name, value);
   });
   private_node_.param("compressed", compressed_, false);
+  warnOfUnknownParameters();
   tf_listener_ = std::make_unique<tf2_ros::TransformListener>(tf_, node_);
   server_ = std::make_unique<RecalibrationServer>(config, tf_, name_, advertise());
   subscribe();
   offerServices();
+}
+
+/// A misspelt parameter would otherwise keep its default without a word.
+void NodeInterface::warnOfUnknownParameters() const {
+  XmlRpc::XmlRpcValue tree;
+  if (!ros::param::get(private_node_.getNamespace(), tree)) return;
+  std::vector<std::string> names;
+  for (const auto& [name, value] : flatten(tree)) {
+    if (name != "compressed") names.push_back(name);  // the node's own, see start()
+  }
+  for (const std::string& sentence : unknownParameters(names))
+    ROS_WARN_STREAM_NAMED(name_, name_ << ": " << sentence);
 }
 
 ServerOutputs NodeInterface::advertise() {

@@ -39,6 +39,7 @@ class NodeInterface {
 
  private:
   void start();
+  void warnOfUnknownParameters() const;
   ServerOutputs advertise();
   void subscribe();
   void offerServices();
