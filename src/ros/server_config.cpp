@@ -169,7 +169,8 @@ std::string initialExtrinsicText(const ServerConfig& config) {
   if (!config.initial_T_camera_lidar) return "[]";
   const Eigen::IOFormat format(10, Eigen::DontAlignCols, ", ", ", ", "", "", "[", "]");
   std::ostringstream stream;
-  stream << config.initial_T_camera_lidar->matrix().format(format);
+  // Adding 0 turns -0 into 0.
+  stream << (config.initial_T_camera_lidar->matrix().array() + 0.0).matrix().format(format);
   return stream.str();
 }
 
