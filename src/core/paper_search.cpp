@@ -111,6 +111,7 @@ bool refineRandomly(Contest& contest, const SearchConfig& config, std::size_t ev
   Vector6d range;
   range << Eigen::Vector3d::Constant(rotation), Eigen::Vector3d::Constant(translation);
   for (int round = 0; round < kRounds; ++round, range *= kShrink) {
+    contest.beginStage();
     const std::size_t count = evaluations * (round + 1) / kRounds - evaluations * round / kRounds;
     if (!contest.enter(
             randomCandidates(contest.result().T_camera_lidar, range, count, random, start, limit))) {
@@ -150,7 +151,6 @@ SearchResult PaperSearch::run(const Objective& objective, const Frames& frames,
   const std::size_t refinement = static_cast<std::size_t>(config_.refine_evaluations);
   Contest contest(objective, frames, start, config_.threads, grid.size() + refinement, progress);
   if (contest.enter(grid)) {
-    contest.beginStage();
     const double rotation = std::min(config_.grid_step_deg, range.rotation_deg) * kDegree;
     refineRandomly(contest, config_, refinement, rotation, range.translation_m, start, range.translation_m);
   }
