@@ -38,7 +38,7 @@ Eigen::Vector3f randomUnit(std::mt19937& random) {
 TEST(PaperObjective, ReflectivityConsistencyIsOneMinusStandardDeviation) {
   // 0.2, 0.4, 0.9: mean 0.5, variance (0.09 + 0.01 + 0.16) / 3
   EXPECT_NEAR(reflectivityConsistency(1.5, 0.04 + 0.16 + 0.81, 3), 1.0 - std::sqrt(0.26 / 3.0), 1e-12);
-  EXPECT_DOUBLE_EQ(reflectivityConsistency(0.7, 0.49, 1), 1.0);
+  EXPECT_NEAR(reflectivityConsistency(0.7, 0.49, 1), 1.0, 1e-7);
 }
 
 TEST(PaperObjective, SegmentConsistencyWeighsClassesBySize) {
@@ -78,7 +78,7 @@ TEST(PaperObjective, NormalConsistencyIsCloseToTheDoubleLoop) {
     EXPECT_LT(error, 2e-2);
     error_sum += error;
   }
-  EXPECT_LT(error_sum / kTrials, 3e-3);
+  EXPECT_LT(error_sum / kTrials, 2e-3);
 }
 
 /// A random frame in front of a small camera: overlapping masks, several classes, some points without class,

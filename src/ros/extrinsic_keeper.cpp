@@ -107,7 +107,7 @@ ExtrinsicKeeper::Entry ExtrinsicKeeper::firstGuess(const FrameIds& frames, const
   entry.calibration.stamp = stamp.toSec();
   if (config_.initial_T_camera_lidar) {
     entry.calibration.T_camera_lidar = *config_.initial_T_camera_lidar;
-    entry.source = "the parameter initial_guess";
+    entry.source = "the parameter initial/T_camera_lidar";
   } else {
     try {
       entry.calibration.T_camera_lidar = lookUp(tf_, frames.camera, frames.lidar, stamp);

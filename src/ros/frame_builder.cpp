@@ -101,7 +101,7 @@ StartupCheck checkProjection(const FrameInputs& inputs, const Eigen::Isometry3d&
                   ". The extrinsic must map points of '" + frames.lidar + "' into '" + frames.camera + "'";
   } else {
     check.text += "; check the frames '" + frames.lidar + "' and '" + frames.camera +
-                  "' in tf, or give the parameter initial_guess";
+                  "' in tf, or give the parameter initial/T_camera_lidar";
   }
   return check;
 }

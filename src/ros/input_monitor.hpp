@@ -1,0 +1,34 @@
+#pragma once
+
+#include <diagnostic_updater/DiagnosticStatusWrapper.h>
+#include <ros/subscriber.h>
+
+#include <chrono>
+#include <deque>
+#include <string>
+
+namespace lidar_camera_recalibration {
+
+/// Watches one subscribed topic: who publishes it, how often a message comes, how long ago the last one came.
+class InputMonitor {
+ public:
+  /// @param max_age  a longer silence is worth a warning [s]
+  InputMonitor(const std::string& input, double max_age) : input_(input), max_age_(max_age) {}
+
+  void watch(const ros::Subscriber& subscriber) { subscriber_ = subscriber; }
+  void stop() { subscriber_.shutdown(); }
+  void count();
+
+  /// Adds rate and age to the status. @return what is wrong with this input, empty if nothing.
+  std::string report(diagnostic_updater::DiagnosticStatusWrapper& status) const;
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  std::string input_;
+  double max_age_;
+  ros::Subscriber subscriber_;
+  Clock::time_point start_ = Clock::now();
+  std::deque<Clock::time_point> arrivals_;  ///< the last few
+};
+
+}  // namespace lidar_camera_recalibration

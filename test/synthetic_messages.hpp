@@ -1,0 +1,66 @@
+#pragma once
+
+#include <cv_bridge/cv_bridge.h>
+#include <geometry_msgs/TransformStamped.h>
+#include <sensor_msgs/point_cloud2_iterator.h>
+#include <tf2_eigen/tf2_eigen.h>
+#include <boost/make_shared.hpp>
+
+#include <string>
+
+#include "conversions.hpp"
+#include "frame_synchroniser.hpp"
+#include "synthetic_scene.hpp"
+
+namespace lidar_camera_recalibration {
+
+/// The synthetic scene as a driver and a segmenter would publish it, in the frames `camera` and `lidar`.
+inline FrameMessages syntheticMessages(unsigned seed, const ros::Time& stamp) {
+  const SyntheticScene scene(seed);
+  std_msgs::Header header;
+  header.stamp = stamp;
+  header.frame_id = "camera";
+  FrameMessages messages;
+  messages.image = cv_bridge::CvImage(header, "bgr8", scene.image()).toImageMsg();
+  messages.masks = boost::make_shared<sensor_msgs::Image>(toMaskMessage(header, {scene.labels()}));
+
+  const Intrinsics& intrinsics = SyntheticScene::camera().intrinsics();
+  auto info = boost::make_shared<sensor_msgs::CameraInfo>();
+  info->header = header;
+  info->width = static_cast<std::uint32_t>(intrinsics.width);
+  info->height = static_cast<std::uint32_t>(intrinsics.height);
+  info->distortion_model = "plumb_bob";
+  info->D.assign(5, 0.0);
+  info->K = {intrinsics.fx, 0.0, intrinsics.cx, 0.0, intrinsics.fy, intrinsics.cy, 0.0, 0.0, 1.0};
+  info->R = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
+  info->P = {intrinsics.fx, 0.0, intrinsics.cx, 0.0, 0.0, intrinsics.fy,
+             intrinsics.cy, 0.0, 0.0,           0.0, 1.0, 0.0};
+  messages.info = info;
+
+  const PointCloud points = scene.cloud();
+  auto cloud = boost::make_shared<sensor_msgs::PointCloud2>();
+  cloud->header = header;
+  cloud->header.frame_id = "lidar";
+  sensor_msgs::PointCloud2Modifier modifier(*cloud);
+  modifier.setPointCloud2Fields(4, "x", 1, sensor_msgs::PointField::FLOAT32, "y", 1,
+                                sensor_msgs::PointField::FLOAT32, "z", 1, sensor_msgs::PointField::FLOAT32,
+                                "intensity", 1, sensor_msgs::PointField::FLOAT32);
+  modifier.resize(points.size());
+  sensor_msgs::PointCloud2Iterator<float> value(*cloud, "x");
+  for (std::size_t i = 0; i < points.size(); ++i, ++value) {
+    for (int k = 0; k < 3; ++k) value[static_cast<std::size_t>(k)] = points.points[i][k];
+    value[3] = points.reflectivity[i];
+  }
+  messages.cloud = cloud;
+  return messages;
+}
+
+inline geometry_msgs::TransformStamped stampedTransform(const Eigen::Isometry3d& T_parent_child,
+                                                        const std::string& parent, const std::string& child) {
+  geometry_msgs::TransformStamped message = tf2::eigenToTransform(T_parent_child);
+  message.header.frame_id = parent;
+  message.child_frame_id = child;
+  return message;
+}
+
+}  // namespace lidar_camera_recalibration
