@@ -34,6 +34,7 @@ Eigen::Isometry3d isometryFromMatrix(const Eigen::Matrix4d& matrix);
 
 /// Largest displacement [px] of the projection of points at a distance [m] straight ahead and at the left and right image
 /// border when the extrinsic changes from `a` to `b`: what a user sees in the overlay.
+/// Infinite if one of them comes to lie behind the camera.
 /// @param fx,width  focal length and image width of the ideal image [px]
 double pixelShift(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b, double distance, double fx, int width);
 
