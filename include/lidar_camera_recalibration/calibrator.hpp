@@ -13,9 +13,9 @@ namespace lidar_camera_recalibration {
 
 /// When a result may replace the current extrinsic.
 struct GateConfig {
-  double min_gain = 0.002;             ///< the score must rise by this much ...
-  double min_frame_agreement = 0.65;   ///< ... and on at least this share of the frames
-  double min_validity = 0.7;           ///< share of perturbed extrinsics that must score worse than the result
+  double min_gain = 0.002;            ///< the score must rise by this much ...
+  double min_frame_agreement = 0.65;  ///< ... and on at least this share of the frames
+  double min_validity = 0.7;          ///< share of perturbed extrinsics that must score worse than the result
 };
 
 struct CalibratorConfig {
@@ -27,10 +27,12 @@ struct CalibratorConfig {
 
 constexpr std::array<double, 3> kShiftDistances = {10.0, 20.0, 40.0};  ///< [m]
 
-struct CalibrationResult {
-  Eigen::Isometry3d T_camera_lidar = Eigen::Isometry3d::Identity();  ///< what the search found, accepted or not
+struct CalibrationOutcome {
+  Eigen::Isometry3d T_camera_lidar =
+      Eigen::Isometry3d::Identity();  ///< what the search found, accepted or not
   Eigen::Isometry3d start = Eigen::Isometry3d::Identity();
-  /// Covariance of the perturbation xi (see extrinsic.hpp) [rad^2, m^2] from disjoint groups of frames; nothing below 4 frames.
+  /// Covariance of the perturbation xi (see extrinsic.hpp) [rad^2, m^2] from disjoint groups of frames;
+  /// nothing below 4 frames.
   std::optional<Matrix6d> covariance;
   Score before, after;
   double validity = 0.0;         ///< share of small perturbations of the result that score worse, 0..1
@@ -38,19 +40,20 @@ struct CalibrationResult {
   std::array<double, 3> pixel_shift = {0.0, 0.0, 0.0};  ///< between start and result at kShiftDistances [px]
   bool accepted = false;
   bool cancelled = false;
-  std::string reason;            ///< one sentence, also when accepted
+  std::string reason;  ///< one sentence, also when accepted
   std::size_t frames = 0;
   std::size_t evaluations = 0;
-  double duration = 0.0;         ///< wall time of the search [s]
+  double duration = 0.0;  ///< wall time of the search [s]
 };
 
-/// Share of a fixed pattern of perturbations (+-0.5 and 1 deg, +-10 cm on each axis) that scores worse than T: 1 at a clean optimum,
-/// about 0.5 at an arbitrary place.
+/// Share of a fixed pattern of perturbations (+-0.5 and 1 deg, +-10 and 20 cm on each axis) that scores worse
+/// than T: 1 at a clean optimum, about 0.5 at an arbitrary place.
 double validityIndex(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar);
 
-/// Frames and a start become a judged result: search, covariance, validity, gate. Stateless; one call, one calibration.
+/// Frames and a start become a judged result: search, covariance, validity, gate. Stateless; one call, one
+/// calibration.
 /// @throw Error(kNotEnough) without frames, Error(kParameter) for a bad configuration.
-CalibrationResult calibrate(const Frames& frames, const Eigen::Isometry3d& start, const CalibratorConfig& config,
-                            const Progress& progress = nullptr);
+CalibrationOutcome calibrate(const Frames& frames, const Eigen::Isometry3d& start,
+                             const CalibratorConfig& config, const Progress& progress = nullptr);
 
 }  // namespace lidar_camera_recalibration

@@ -42,13 +42,17 @@ struct Frame {
   cv::Mat image;         ///< CV_8UC3, BGR, as it was taken; for drawing only
   MaskSets masks;        ///< in the ideal image (see Camera)
   FramePoints points;
-  std::vector<std::uint8_t> visible;  ///< per point: the camera sees it (hidden points are kept, for drawing and later culling)
+  /// Per point: 1 = the camera sees it from the guess. With FrameConfig::cull_hidden the hidden points are not in `points` and
+  /// all flags are 1; without it they are there, and scored.
+  std::vector<std::uint8_t> visible;
 };
 using FramePtr = std::shared_ptr<const Frame>;
 using Frames = std::vector<FramePtr>;
 
-/// Which points a camera at `T_camera_lidar` sees: a point is hidden if clearly nearer points surround its line of sight.
+/// Which points a camera at `T_camera_lidar` sees: a point is hidden if a surface that the LiDAR sampled runs clearly in front of
+/// it. Surfaces end at their outermost samples, so points just outside of a silhouette stay visible.
 /// Depends on the camera's position only, not on its orientation, so it holds over the whole rotation search.
+/// Expects what spinning LiDARs deliver: up to 2.6 deg between samples along z, up to 1 deg around z.
 /// @return one flag per point, 1 = visible.
 std::vector<std::uint8_t> visiblePoints(const std::vector<Eigen::Vector3f>& points, const Eigen::Isometry3d& T_camera_lidar);
 

@@ -10,10 +10,10 @@ namespace lidar_camera_recalibration {
 
 /// Preparation of a cloud, paper section III-B ("Data Preprocessing").
 struct LidarFeatureConfig {
-  int normal_neighbours = 30;             ///< k of the k-NN plane fit
+  int normal_neighbours = 30;             ///< k of the k-NN plane fit, the point itself included
   double reflectivity_quantile = 0.99;    ///< this quantile of the reflectivity becomes 1, all above is clamped to 1
   double plane_distance = 0.15;           ///< RANSAC inlier distance [m]
-  int plane_min_points = 1500;            ///< a plane needs so many inliers
+  int plane_min_points = 1500;            ///< a plane needs so many inliers whose normals agree
   int plane_max_count = 8;                ///< stop after so many planes
   double cluster_tolerance = 0.3;         ///< smallest gap between two clusters [m] ...
   double cluster_tolerance_slope = 0.015;  ///< ... which grows with range: tolerance = max(tolerance, slope * range) [m/m]
@@ -24,7 +24,7 @@ struct LidarFeatureConfig {
 struct LidarFeatures {
   static constexpr std::int32_t kNoSegment = -1;
 
-  std::vector<Eigen::Vector3f> normals;  ///< unit vectors facing the sensor; zero where no plane fits (fewer than 3 neighbours)
+  std::vector<Eigen::Vector3f> normals;  ///< unit vectors facing the sensor; zero where no plane fits (fewer than 3 points, or all on a line)
   std::vector<float> reflectivity;       ///< 0..1; empty if the cloud has none
   std::vector<std::int32_t> segment;     ///< class id 0..segment_count-1 (planes first), kNoSegment for isolated points
   std::int32_t plane_count = 0;
@@ -38,6 +38,7 @@ std::vector<Eigen::Vector3f> estimateNormals(const std::vector<Eigen::Vector3f>&
 std::vector<float> normaliseReflectivity(const std::vector<float>& reflectivity, double quantile);
 
 /// Large planes by RANSAC, then Euclidean clusters of *all* remaining points.
+/// Points support a plane if their normals agree with it; features.normals are estimated if they are not there yet.
 /// Deterministic. Planes are numbered first, in the order of their size.
 void segment(const std::vector<Eigen::Vector3f>& points, const LidarFeatureConfig& config, LidarFeatures& features);
 

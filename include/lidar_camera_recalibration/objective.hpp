@@ -21,9 +21,10 @@ struct Score {
 
 struct ObjectiveConfig {
   std::string objective = "paper";  ///< `paper`: the consistency score of Calib-Anything
-  double weight_reflectivity = 1.0 / 3.0;  ///< w_R; shared out to the others where a cloud has no reflectivity
-  double weight_normal = 1.0 / 3.0;        ///< w_N
-  double weight_segment = 1.0 / 3.0;       ///< w_S
+  double weight_reflectivity =
+      1.0 / 3.0;                      ///< w_R; shared out to the others where a cloud has no reflectivity
+  double weight_normal = 1.0 / 3.0;   ///< w_N
+  double weight_segment = 1.0 / 3.0;  ///< w_S
 };
 
 /// Scores extrinsics on a fixed set of frames. Owns its scratch memory: one evaluator per thread.

@@ -17,11 +17,11 @@ struct SearchRange {
 };
 
 struct SearchConfig {
-  std::string search = "paper";      ///< `paper`: brute-force rotation grid, then random refinement
-  double grid_step_deg = 1.0;        ///< stride of the brute-force rotation search
-  int refine_evaluations = 4000;     ///< random candidates of the refinement
-  std::uint64_t seed = 1;            ///< same seed and input, same result
-  int threads = 2;                   ///< does not change the result
+  std::string search = "paper";   ///< `paper`: brute-force rotation grid, then random refinement
+  double grid_step_deg = 1.0;     ///< stride of the brute-force rotation search
+  int refine_evaluations = 4000;  ///< random candidates of the refinement
+  std::uint64_t seed = 1;         ///< same seed and input, same result
+  int threads = 2;                ///< does not change the result
 };
 
 /// Told about 50 times in a search; return false to cancel it.
@@ -39,9 +39,10 @@ class Search {
   virtual ~Search() = default;
   virtual SearchResult run(const Objective& objective, const Frames& frames, const Eigen::Isometry3d& start,
                            const SearchRange& range, const Progress& progress) const = 0;
-  /// Only the last, local part, from a start that is already good. Used to measure how far the result scatters.
-  virtual SearchResult refine(const Objective& objective, const Frames& frames, const Eigen::Isometry3d& start,
-                              const Progress& progress) const = 0;
+  /// Only the last, local part, from a start that is already good. Used to measure how far the result
+  /// scatters.
+  virtual SearchResult refine(const Objective& objective, const Frames& frames,
+                              const Eigen::Isometry3d& start, const Progress& progress) const = 0;
 };
 
 /// @throw Error(kParameter) for an unknown search or numbers out of range.

@@ -1,0 +1,202 @@
+#include "lidar_camera_recalibration/frame.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+#include <string>
+
+#include "lidar_camera_recalibration/error.hpp"
+#include "lidar_camera_recalibration/extrinsic.hpp"
+
+namespace lidar_camera_recalibration {
+namespace {
+
+// What the ideal image shows, as a pyramid with its tip at the camera.
+class FieldOfView {
+ public:
+  explicit FieldOfView(const Intrinsics& k) {
+    const double left = -0.5 - k.cx, right = k.width - 0.5 - k.cx;
+    const double top = -0.5 - k.cy, bottom = k.height - 0.5 - k.cy;
+    corners_ = {Eigen::Vector3d(left / k.fx, top / k.fy, 1.0), Eigen::Vector3d(right / k.fx, top / k.fy, 1.0),
+                Eigen::Vector3d(right / k.fx, bottom / k.fy, 1.0),
+                Eigen::Vector3d(left / k.fx, bottom / k.fy, 1.0)};
+    for (auto& corner : corners_) corner.normalize();
+    for (int i = 0; i < 4; ++i) sides_[i] = corners_[i].cross(corners_[(i + 1) % 4]).normalized();
+  }
+
+  // Smallest angle between a unit vector and a ray of the image [rad], also behind the camera.
+  double angleTo(const Eigen::Vector3d& direction) const {
+    bool inside = true;
+    double largest_cosine = -1.0;
+    for (int i = 0; i < 4; ++i) {
+      const Eigen::Vector3d& from = corners_[i];
+      const Eigen::Vector3d& to = corners_[(i + 1) % 4];
+      largest_cosine = std::max(largest_cosine, direction.dot(from));
+      const double height = direction.dot(sides_[i]);
+      if (height >= 0.0) continue;
+      inside = false;
+      const Eigen::Vector3d foot = direction - height * sides_[i];
+      if (from.cross(foot).dot(sides_[i]) >= 0.0 && foot.cross(to).dot(sides_[i]) >= 0.0) {
+        largest_cosine = std::max(largest_cosine, foot.norm());
+      }
+    }
+    return inside ? 0.0 : std::acos(std::min(largest_cosine, 1.0));
+  }
+
+ private:
+  std::array<Eigen::Vector3d, 4> corners_;  // unit vectors, clockwise in the image
+  std::array<Eigen::Vector3d, 4> sides_;    // unit normals of the planes between them, inwards
+};
+
+std::string sizeText(const cv::Mat& image) {
+  return std::to_string(image.cols) + "x" + std::to_string(image.rows);
+}
+
+std::string sizeText(const Intrinsics& k) { return std::to_string(k.width) + "x" + std::to_string(k.height); }
+
+bool hasSizeOf(const cv::Mat& image, const Intrinsics& k) {
+  return image.cols == k.width && image.rows == k.height;
+}
+
+// A copy, because the caller's pixels may belong to a message.
+cv::Mat colourCopy(const cv::Mat& image, const Intrinsics& k) {
+  if (image.empty()) return {};
+  if (!hasSizeOf(image, k)) {
+    throw Error(ErrorCause::kImage, "The image is " + sizeText(image) + " but the camera info says " +
+                                        sizeText(k) + ": use the camera info that belongs to this image.");
+  }
+  cv::Mat colour;
+  if (image.type() == CV_8UC3) {
+    colour = image.clone();
+  } else if (image.type() == CV_8UC1) {
+    cv::cvtColor(image, colour, cv::COLOR_GRAY2BGR);
+  } else {
+    throw Error(ErrorCause::kImage, "The image has OpenCV type " + cv::typeToString(image.type()) +
+                                        ": convert it to CV_8UC1 or CV_8UC3 (mono8 or bgr8).");
+  }
+  return colour;
+}
+
+MaskSets idealMasks(const Camera& camera, const std::vector<cv::Mat>& layers, int min_masks) {
+  if (layers.empty())
+    throw Error(ErrorCause::kMasks, "The frame has no mask layer: give at least one label image.");
+  std::vector<cv::Mat> ideal;
+  for (const cv::Mat& layer : layers) {
+    if (!hasSizeOf(layer, camera.intrinsics())) {
+      throw Error(ErrorCause::kMasks,
+                  "A mask layer is " + sizeText(layer) + " but the camera's image is " +
+                      sizeText(camera.intrinsics()) +
+                      ": make the masks from the full image, without scaling or cropping.");
+    }
+    if (layer.type() != CV_32SC1) {
+      throw Error(ErrorCause::kMasks, "A mask layer has OpenCV type " + cv::typeToString(layer.type()) +
+                                          ": convert it to a CV_32SC1 label image.");
+    }
+    ideal.push_back(camera.distorted() ? camera.toIdeal(layer, cv::INTER_NEAREST) : layer);
+  }
+  MaskSets masks = MaskSets::fromLayers(ideal);
+  if (static_cast<long>(masks.maskCount()) < min_masks) {
+    throw Error(ErrorCause::kNotEnough, "The frame has " + std::to_string(masks.maskCount()) +
+                                            " masks, min_masks is " + std::to_string(min_masks) +
+                                            ": let the segmentation make finer masks, or lower min_masks.");
+  }
+  return masks;
+}
+
+void checkCloud(const PointCloud& cloud) {
+  if (cloud.points.empty()) {
+    throw Error(ErrorCause::kCloud,
+                "The point cloud is empty: check that the LiDAR driver publishes points.");
+  }
+  if (cloud.hasReflectivity() && cloud.reflectivity.size() != cloud.size()) {
+    throw Error(ErrorCause::kCloud, "The point cloud has " + std::to_string(cloud.size()) + " points but " +
+                                        std::to_string(cloud.reflectivity.size()) +
+                                        " reflectivity values: give one for each point, or none.");
+  }
+}
+
+// The points within the range limits that come into the image by some rotation within the margin.
+PointCloud crop(const PointCloud& cloud, const FieldOfView& field, const Eigen::Isometry3d& guess,
+                const FrameConfig& config) {
+  const double margin = config.crop_margin_deg * kDegree;
+  PointCloud result;
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    const double range = cloud.points[i].norm();
+    if (range < config.min_range || range > config.max_range) continue;
+    const Eigen::Vector3d in_camera = guess * cloud.points[i].cast<double>();
+    if (field.angleTo(in_camera.normalized()) > margin) continue;
+    result.points.push_back(cloud.points[i]);
+    if (cloud.hasReflectivity()) result.reflectivity.push_back(cloud.reflectivity[i]);
+  }
+  const std::size_t min_points = static_cast<std::size_t>(std::max(config.min_points, 1));
+  if (result.size() < min_points) {
+    throw Error(ErrorCause::kNotEnough,
+                "Only " + std::to_string(result.size()) + " of the cloud's " + std::to_string(cloud.size()) +
+                    " points are between min_range and max_range and near the camera's view, min_points is " +
+                    std::to_string(min_points) +
+                    ": check the initial extrinsic and its frames, or lower min_points.");
+  }
+  return result;
+}
+
+FramePoints framePoints(const PointCloud& cloud, const LidarFeatures& features,
+                        const std::vector<std::size_t>& chosen) {
+  FramePoints p;
+  p.segment_count = features.segment_count;
+  for (auto* column : {&p.x, &p.y, &p.z, &p.nx, &p.ny, &p.nz}) column->reserve(chosen.size());
+  p.segment.reserve(chosen.size());
+  if (!features.reflectivity.empty()) p.reflectivity.reserve(chosen.size());
+  for (const std::size_t i : chosen) {
+    p.x.push_back(cloud.points[i].x());
+    p.y.push_back(cloud.points[i].y());
+    p.z.push_back(cloud.points[i].z());
+    p.nx.push_back(features.normals[i].x());
+    p.ny.push_back(features.normals[i].y());
+    p.nz.push_back(features.normals[i].z());
+    p.segment.push_back(features.segment[i]);
+    if (!features.reflectivity.empty()) p.reflectivity.push_back(features.reflectivity[i]);
+  }
+  return p;
+}
+
+template <typename T>
+std::size_t bytes(const std::vector<T>& values) {
+  return values.capacity() * sizeof(T);
+}
+
+std::size_t bytes(const cv::Mat& image) { return image.total() * image.elemSize(); }
+
+}  // namespace
+
+FramePtr makeFrame(double stamp, const Camera& camera, const cv::Mat& image,
+                   const std::vector<cv::Mat>& layers, const PointCloud& cloud,
+                   const Eigen::Isometry3d& guess, const FrameConfig& config) {
+  checkCloud(cloud);
+  cv::Mat colour = colourCopy(image, camera.intrinsics());
+  MaskSets masks = idealMasks(camera, layers, config.min_masks);
+  const PointCloud cropped = crop(cloud, FieldOfView(camera.intrinsics()), guess, config);
+  const LidarFeatures features = computeLidarFeatures(cropped, config.features);
+  const std::vector<std::uint8_t> visible = visiblePoints(cropped.points, guess);
+
+  std::vector<std::size_t> chosen;
+  std::vector<std::uint8_t> chosen_visible;
+  for (std::size_t i = 0; i < cropped.size(); ++i) {
+    if (config.cull_hidden && !visible[i]) continue;
+    chosen.push_back(i);
+    chosen_visible.push_back(visible[i]);
+  }
+  return std::make_shared<const Frame>(Frame{stamp, camera, std::move(colour), std::move(masks),
+                                             framePoints(cropped, features, chosen),
+                                             std::move(chosen_visible)});
+}
+
+std::size_t memoryUse(const Frame& frame) {
+  const FramePoints& p = frame.points;
+  std::size_t sum = sizeof(Frame) + bytes(frame.image) + bytes(frame.visible);
+  sum += bytes(frame.masks.setOfPixel()) + bytes(frame.masks.setBegin()) + bytes(frame.masks.setMasks());
+  for (const auto* column : {&p.x, &p.y, &p.z, &p.nx, &p.ny, &p.nz, &p.reflectivity}) sum += bytes(*column);
+  return sum + bytes(p.segment);
+}
+
+}  // namespace lidar_camera_recalibration

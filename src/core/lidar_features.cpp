@@ -1,0 +1,237 @@
+#include "lidar_camera_recalibration/lidar_features.hpp"
+
+#include <pcl/kdtree/kdtree_flann.h>
+#include <pcl/point_cloud.h>
+#include <pcl/point_types.h>
+#include <pcl/segmentation/sac_segmentation.h>
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <random>
+#include <string>
+
+#include "lidar_camera_recalibration/error.hpp"
+
+namespace lidar_camera_recalibration {
+namespace {
+
+using PclCloud = pcl::PointCloud<pcl::PointXYZ>;
+using PclNormals = pcl::PointCloud<pcl::Normal>;
+using Indices = std::vector<int>;
+
+// Neighbours whose second principal variance is below this share of the first one lie on a line: they fit any
+// plane through it.
+constexpr double kLineRatio = 1e-6;
+
+// RANSAC stops when it has missed no better plane with this probability, or after this many samples. The
+// bound means that planes far below a tenth of the points may be missed; these become clusters.
+constexpr double kRansacProbability = 0.99;
+constexpr int kRansacMaxIterations = 1000;
+// RANSAC looks for a plane in a random sample of so many points: this bounds its time.
+constexpr std::size_t kRansacSample = 2000;
+// A normal that is off by more than this never supports a plane [rad].
+constexpr double kMaxNormalAngle = M_PI / 3.0;
+
+PclCloud::Ptr toPcl(const std::vector<Eigen::Vector3f>& points) {
+  PclCloud::Ptr cloud(new PclCloud);
+  cloud->reserve(points.size());
+  for (const auto& p : points) cloud->push_back(pcl::PointXYZ(p.x(), p.y(), p.z()));
+  return cloud;
+}
+
+// Direction of least variance. The neighbours are centred before they are multiplied, so that the distance
+// from the origin costs no digits.
+Eigen::Vector3d planeNormal(const std::vector<Eigen::Vector3f>& points, const Indices& neighbours) {
+  if (neighbours.size() < 3) return Eigen::Vector3d::Zero();
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const int i : neighbours) mean += points[i].cast<double>();
+  mean /= static_cast<double>(neighbours.size());
+
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  for (const int i : neighbours) {
+    const Eigen::Vector3d d = points[i].cast<double>() - mean;
+    covariance.noalias() += d * d.transpose();
+  }
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
+  solver.computeDirect(covariance);
+  const Eigen::Vector3d variances = solver.eigenvalues();  // ascending
+  if (!(variances[1] > kLineRatio * variances[2])) return Eigen::Vector3d::Zero();
+  return solver.eigenvectors().col(0);
+}
+
+// Finds the largest plane among `candidates`. Only points whose normals agree support it: without normals, a
+// slab cut level through cars, trees and walls beats every real surface, for a ring of the LiDAR lies in it.
+// Returns its coefficients, or none if the support is too small.
+std::vector<float> findPlane(const PclCloud::Ptr& cloud, const PclNormals::Ptr& normals,
+                             const LidarFeatureConfig& config, const Indices& candidates) {
+  const auto min_points = static_cast<std::size_t>(std::max(config.plane_min_points, 3));
+  if (candidates.size() < min_points) return {};
+  const pcl::IndicesPtr sample(new Indices);
+  std::sample(candidates.begin(), candidates.end(), std::back_inserter(*sample), kRansacSample,
+              std::mt19937(static_cast<std::mt19937::result_type>(candidates.size())));
+  pcl::SACSegmentationFromNormals<pcl::PointXYZ, pcl::Normal> ransac;  // its seed is fixed
+  ransac.setModelType(pcl::SACMODEL_NORMAL_PLANE);
+  ransac.setMethodType(pcl::SAC_RANSAC);
+  ransac.setDistanceThreshold(config.plane_distance);
+  // The distance of a point becomes (1 - w) * metres + w * radians; at 60 deg nothing is left of the
+  // threshold.
+  const double angle_scale = config.plane_distance / kMaxNormalAngle;
+  ransac.setNormalDistanceWeight(angle_scale / (1.0 + angle_scale));
+  ransac.setProbability(kRansacProbability);
+  ransac.setMaxIterations(kRansacMaxIterations);
+  ransac.setOptimizeCoefficients(true);
+  ransac.setInputCloud(cloud);
+  ransac.setInputNormals(normals);
+  ransac.setIndices(sample);
+  pcl::PointIndices support;
+  pcl::ModelCoefficients plane;
+  ransac.segment(support, plane);
+  if (support.indices.size() * candidates.size() < min_points * sample->size()) return {};
+  return plane.values;
+}
+
+// Takes planes out of `remaining`, each with all points near it, whatever their normals: where the plane is
+// sampled thinly or ends, normals are poor.
+std::vector<Indices> takePlanes(const PclCloud::Ptr& cloud, const PclNormals::Ptr& normals,
+                                const LidarFeatureConfig& config, Indices& remaining) {
+  std::vector<Indices> planes;
+  while (static_cast<int>(planes.size()) < config.plane_max_count) {
+    const std::vector<float> plane = findPlane(cloud, normals, config, remaining);
+    if (plane.empty()) break;
+    const Eigen::Map<const Eigen::Vector4f> coefficients(plane.data());
+    const auto off_plane = [&](int i) {
+      return std::abs(coefficients.dot(cloud->points[i].getVector4fMap())) > config.plane_distance;
+    };
+    const auto split = std::stable_partition(remaining.begin(), remaining.end(), off_plane);
+    planes.emplace_back(split, remaining.end());
+    remaining.erase(split, remaining.end());
+  }
+  return planes;
+}
+
+// Connected components of the graph that joins p and q if |p - q| <= max(tolerance, slope * min(range_p,
+// range_q)). The smaller range makes the relation symmetric, so the components do not depend on the order of
+// the points.
+std::vector<Indices> clusters(const PclCloud& all, const LidarFeatureConfig& config, const Indices& members) {
+  if (members.empty()) return {};
+  const PclCloud::Ptr cloud(new PclCloud(all, members));
+  pcl::KdTreeFLANN<pcl::PointXYZ> tree(false);
+  tree.setInputCloud(cloud);
+  const auto tolerance = [&](int i) {
+    const float range = cloud->points[i].getVector3fMap().norm();
+    return std::max(config.cluster_tolerance, config.cluster_tolerance_slope * range);
+  };
+
+  std::vector<Indices> found;
+  std::vector<bool> reached(members.size(), false);
+  Indices neighbours;
+  std::vector<float> squared_distances;
+  for (int seed = 0; seed < static_cast<int>(members.size()); ++seed) {
+    if (reached[seed]) continue;
+    reached[seed] = true;
+    Indices component{seed};
+    for (std::size_t next = 0; next < component.size(); ++next) {
+      const int p = component[next];
+      const double radius = tolerance(p);
+      tree.radiusSearch(p, 1.001 * radius, neighbours, squared_distances);  // the limit below decides
+      for (std::size_t k = 0; k < neighbours.size(); ++k) {
+        const int q = neighbours[k];
+        if (reached[q]) continue;
+        const double limit = std::min(radius, tolerance(q));
+        if (squared_distances[k] > limit * limit) continue;
+        reached[q] = true;
+        component.push_back(q);
+      }
+    }
+    if (static_cast<int>(component.size()) < config.cluster_min_points) continue;
+    for (int& i : component) i = members[i];
+    found.push_back(std::move(component));
+  }
+  return found;
+}
+
+void numberBySize(std::vector<Indices> groups, LidarFeatures& features) {
+  std::stable_sort(groups.begin(), groups.end(),
+                   [](const Indices& a, const Indices& b) { return a.size() > b.size(); });
+  for (const Indices& group : groups) {
+    for (const int i : group) features.segment[i] = features.segment_count;
+    ++features.segment_count;
+  }
+}
+
+}  // namespace
+
+std::vector<Eigen::Vector3f> estimateNormals(const std::vector<Eigen::Vector3f>& points, int neighbours) {
+  std::vector<Eigen::Vector3f> normals(points.size(), Eigen::Vector3f::Zero());
+  if (points.size() < 3 || neighbours < 3) return normals;
+  const PclCloud::Ptr cloud = toPcl(points);
+  pcl::KdTreeFLANN<pcl::PointXYZ> tree(false);
+  tree.setInputCloud(cloud);
+  const int count = std::min<int>(neighbours, static_cast<int>(points.size()));
+
+  Indices nearest;
+  std::vector<float> squared_distances;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    tree.nearestKSearch(cloud->points[i], count, nearest, squared_distances);
+    Eigen::Vector3d normal = planeNormal(points, nearest);
+    if (normal.dot(points[i].cast<double>()) > 0.0) normal = -normal;
+    normals[i] = normal.cast<float>();
+  }
+  return normals;
+}
+
+std::vector<float> normaliseReflectivity(const std::vector<float>& reflectivity, double quantile) {
+  if (reflectivity.empty()) return {};
+  std::vector<float> result(reflectivity);
+  for (float& r : result) r = std::isfinite(r) ? std::max(r, 0.0f) : 0.0f;
+
+  std::vector<float> sorted(result);
+  const double rank = std::min(std::max(quantile, 0.0), 1.0) * static_cast<double>(sorted.size() - 1);
+  const auto nth = sorted.begin() + static_cast<std::ptrdiff_t>(std::lround(rank));
+  std::nth_element(sorted.begin(), nth, sorted.end());
+  // Nearly all points may be black; then the largest value is the only scale there is.
+  const float scale = *nth > 0.0f ? *nth : *std::max_element(nth, sorted.end());
+  if (scale == 0.0f) return result;
+  for (float& r : result) r = std::min(r / scale, 1.0f);
+  return result;
+}
+
+void segment(const std::vector<Eigen::Vector3f>& points, const LidarFeatureConfig& config,
+             LidarFeatures& features) {
+  features.segment.assign(points.size(), LidarFeatures::kNoSegment);
+  features.plane_count = 0;
+  features.segment_count = 0;
+  if (features.normals.size() != points.size()) {
+    features.normals = estimateNormals(points, config.normal_neighbours);
+  }
+  const PclCloud::Ptr cloud = toPcl(points);
+  const PclNormals::Ptr normals(new PclNormals);
+  for (const auto& n : features.normals) normals->push_back(pcl::Normal(n.x(), n.y(), n.z()));
+  Indices remaining(points.size());
+  std::iota(remaining.begin(), remaining.end(), 0);
+
+  numberBySize(takePlanes(cloud, normals, config, remaining), features);
+  features.plane_count = features.segment_count;
+  numberBySize(clusters(*cloud, config, remaining), features);
+}
+
+LidarFeatures computeLidarFeatures(const PointCloud& cloud, const LidarFeatureConfig& config) {
+  if (cloud.points.empty()) {
+    throw Error(ErrorCause::kCloud,
+                "The point cloud is empty: check that the LiDAR driver publishes points.");
+  }
+  if (cloud.hasReflectivity() && cloud.reflectivity.size() != cloud.size()) {
+    throw Error(ErrorCause::kCloud, "The point cloud has " + std::to_string(cloud.size()) + " points but " +
+                                        std::to_string(cloud.reflectivity.size()) +
+                                        " reflectivity values: give one for each point, or none.");
+  }
+  LidarFeatures features;
+  features.normals = estimateNormals(cloud.points, config.normal_neighbours);
+  features.reflectivity = normaliseReflectivity(cloud.reflectivity, config.reflectivity_quantile);
+  segment(cloud.points, config, features);
+  return features;
+}
+
+}  // namespace lidar_camera_recalibration

@@ -18,25 +18,29 @@
 
 namespace lidar_camera_recalibration {
 
-/// Where the server's results go: topics in the node, files in the bag tool. Called from the worker thread, one at a time.
+/// Where the server's results go: topics in the node, files in the bag tool. Called from the worker thread,
+/// one at a time.
 struct ServerOutputs {
   std::function<void(const CalibrationScore&)> score;
-  std::function<void(const CalibrationResult&)> result;   ///< the message
+  std::function<void(const CalibrationResult&)> result;  ///< the message
   std::function<void(const RecalibrationState&)> state;
   std::function<void(const geometry_msgs::TransformStamped&)> transform;  ///< static transform to broadcast
-  std::function<bool()> wants_overlay, wants_colored_points;  ///< asked per frame: drawing costs
+  std::function<bool()> wants_overlay, wants_colored_points;              ///< asked per frame: drawing costs
   std::function<void(const sensor_msgs::ImageConstPtr&)> overlay;
   std::function<void(const sensor_msgs::PointCloud2ConstPtr&)> colored_points;
 };
 
 /// The one server: messages in, extrinsic out. The nodelet, the node and the bag tool are shells around it.
 ///
-/// Knows messages but no node, so it runs without a master. The add… functions queue and return at once; one worker thread owns caches,
-/// frames and search. Nothing throws; bad input is logged (throttled), counted and dropped. The destructor cancels a running search and
-/// joins.
+/// Knows messages but no node, so it runs without a master. The add… functions queue and return at once; one
+/// worker thread owns caches, frames and the outputs, and starts one thread per search. Nothing but the
+/// constructor throws; bad input is logged (throttled), counted and dropped. The destructor cancels a running
+/// search and joins.
 class RecalibrationServer {
  public:
-  RecalibrationServer(const ServerConfig& config, const tf2::BufferCore& tf, const std::string& name, ServerOutputs outputs);
+  /// @throw Error(kParameter) for an objective, a search or a range that does not exist.
+  RecalibrationServer(const ServerConfig& config, const tf2::BufferCore& tf, const std::string& name,
+                      ServerOutputs outputs);
   ~RecalibrationServer();
   RecalibrationServer(const RecalibrationServer&) = delete;
   RecalibrationServer& operator=(const RecalibrationServer&) = delete;
@@ -51,13 +55,18 @@ class RecalibrationServer {
   /// Blocks only if the request says `wait`.
   Recalibrate::Response recalibrate(const Recalibrate::Request& request);
   bool save(const std::string& path, const std::string& format, std::string& message);
-  void reset();                            ///< forgets frames and caches, keeps the extrinsic
-  bool cancel(std::string& message);       ///< the running or waiting recalibration
-  bool restore(std::string& message);      ///< back to the extrinsic before the last accepted result
+  void reset();                        ///< forgets frames and caches, keeps the extrinsic
+  bool cancel(std::string& message);   ///< the running or waiting recalibration
+  bool restore(std::string& message);  ///< back to the extrinsic before the last accepted result
 
   RecalibrationState state() const;
-  /// Returns when everything queued so far is processed. For the bag tool, which reads faster than any sensor.
+  std::string extrinsicSource() const;  ///< where the extrinsic in force came from, in words
+  /// Returns when everything queued so far is processed. For the bag tool, which reads faster than any
+  /// sensor.
   void waitUntilIdle();
+  /// Cancels a search and ends every call that waits; nothing is accepted any more. The destructor calls it;
+  /// whoever calls recalibrate() from other threads must call it first and join them.
+  void stop();
 
  private:
   class Impl;

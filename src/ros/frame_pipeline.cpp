@@ -1,0 +1,141 @@
+#include "frame_pipeline.hpp"
+
+#include <ros/console.h>
+
+#include <cstdio>
+#include <utility>
+
+#include "lidar_camera_recalibration/calibrator.hpp"
+#include "lidar_camera_recalibration/overlay.hpp"
+#include "result_messages.hpp"
+
+namespace lidar_camera_recalibration {
+
+FramePipeline::FramePipeline(const ServerConfig& config, ExtrinsicKeeper& keeper, const std::string& name,
+                             const ServerOutputs& outputs)
+    : config_(config),
+      keeper_(keeper),
+      name_(name),
+      outputs_(outputs),
+      synchroniser_(config.synchroniser),
+      buffer_(config),
+      objective_(makeObjective(config.calibrator.objective)) {}
+
+bool FramePipeline::step() {
+  collectReady();
+  if (ready_.empty()) return false;
+  const FrameMessages messages = std::move(ready_.front());
+  ready_.pop_front();
+  process(messages);
+  return true;
+}
+
+void FramePipeline::collectReady() {
+  // Masks faster than frames can be prepared: the newest ones matter, a growing lag helps nobody.
+  constexpr std::size_t kMaxReady = 8;
+  while (auto messages = synchroniser_.next()) ready_.push_back(std::move(*messages));
+  while (ready_.size() > kMaxReady) {
+    ready_.pop_front();
+    ++dropped_late_;
+  }
+}
+
+void FramePipeline::clearCaches() {
+  synchroniser_.clear();
+  ready_.clear();
+}
+
+void FramePipeline::process(const FrameMessages& messages) {
+  try {
+    const FrameIds ids = frameIds(messages, config_);
+    const Eigen::Isometry3d extrinsic = keeper_.get(ids, messages.image->header.stamp);
+    score(messages, prepare(messages, extrinsic, ids), extrinsic);
+  } catch (const Error& e) {
+    std::uint64_t& counter = e.cause() == ErrorCause::kExtrinsic   ? dropped_no_extrinsic_
+                             : e.cause() == ErrorCause::kNotEnough ? dropped_poor_
+                                                                   : dropped_invalid_;
+    refuse(messages, counter, e.what());
+  } catch (const std::exception& e) {
+    refuse(messages, dropped_invalid_, std::string("unexpected error: ") + e.what());
+  }
+}
+
+FramePtr FramePipeline::prepare(const FrameMessages& messages, const Eigen::Isometry3d& extrinsic,
+                                const FrameIds& ids) {
+  FrameInputs inputs = readMessages(messages, config_);
+  if (!startup_checked_) {
+    startup_checked_ = true;
+    const StartupCheck check = checkProjection(inputs, extrinsic, ids);
+    if (check.plausible)
+      ROS_INFO_STREAM_NAMED(name_, name_ << ": " << check.text);
+    else
+      ROS_WARN_STREAM_NAMED(name_, name_ << ": " << check.text);
+  }
+  const std::string no_reflectivity = "points have no intensity field: the reflectivity term is left out";
+  if (!inputs.cloud.hasReflectivity() && repeat_filter_.isDue(no_reflectivity))
+    ROS_WARN_STREAM_NAMED(name_, name_ << ": " << no_reflectivity);
+  return makeFrame(messages.image->header.stamp.toSec(), inputs.camera, inputs.image, inputs.layers,
+                   inputs.cloud, extrinsic, config_.frame);
+}
+
+void FramePipeline::score(const FrameMessages& messages, const FramePtr& frame,
+                          const Eigen::Isometry3d& extrinsic) {
+  const auto evaluator = objective_->evaluator({frame});
+  const Score score = (*evaluator)(extrinsic);
+  CalibrationScore message =
+      scoreMessage(messages.image->header, score, validityIndex(*evaluator, extrinsic));
+  message.reason = buffer_.refusal(messages.image->header.stamp);
+  message.used = message.reason.empty();
+  if (message.used) buffer_.add(frame, messages.image->header.stamp);
+  newest_ = Newest{frame, messages.image->header, messages.cloud->header, score.total};
+  newest_->cloud_header.frame_id = frameIds(messages, config_).lidar;
+  last_problem_.clear();
+  publish(message, messages);
+  publishPictures();
+}
+
+void FramePipeline::refuse(const FrameMessages& messages, std::uint64_t& counter, const std::string& reason) {
+  ++counter;
+  last_problem_ = reason;
+  if (repeat_filter_.isDue(reason)) ROS_WARN_STREAM_NAMED(name_, name_ << ": frame refused: " << reason);
+  publish(refusedMessage(messages.image->header, reason), messages);
+}
+
+void FramePipeline::publish(CalibrationScore message, const FrameMessages& messages) {
+  message.stamp_gap = (messages.cloud->header.stamp - messages.image->header.stamp).toSec();
+  if (outputs_.score) outputs_.score(message);
+}
+
+void FramePipeline::publishPictures() {
+  const auto current = keeper_.current();
+  if (!newest_ || !current) return;
+  const Frame& frame = *newest_->frame;
+  const Eigen::Isometry3d& T_camera_lidar = current->T_camera_lidar;
+  if (outputs_.overlay && outputs_.wants_overlay && outputs_.wants_overlay()) {
+    char title[96];
+    std::snprintf(title, sizeof title, "score %.4f, %zu frames held", newest_->score, buffer_.size());
+    const cv::Mat picture =
+        config_.overlay_compare && comparison_start_
+            ? drawBeforeAfter(frame, *comparison_start_, T_camera_lidar, config_.overlay_color)
+            : drawOverlay(frame, T_camera_lidar, config_.overlay_color, title);
+    outputs_.overlay(toImageMessage(picture, newest_->image_header));
+  }
+  if (outputs_.colored_points && outputs_.wants_colored_points && outputs_.wants_colored_points())
+    outputs_.colored_points(coloredPoints(frame, T_camera_lidar, newest_->cloud_header));
+}
+
+void FramePipeline::describe(RecalibrationState& state) const {
+  const SynchroniserCounts& counts = synchroniser_.counts();
+  state.frames = static_cast<std::uint32_t>(buffer_.size());
+  state.pending = static_cast<std::uint32_t>(synchroniser_.pending());
+  state.memory = synchroniser_.bytes() + buffer_.bytes();
+  state.dropped_unmatched = counts.unmatched;
+  state.dropped_no_masks = counts.no_masks;
+  state.dropped_unknown_masks = counts.unknown_masks;
+  state.dropped_memory = counts.memory + dropped_late_;
+  state.dropped_invalid = dropped_invalid_;
+  state.dropped_poor = dropped_poor_;
+  state.dropped_no_extrinsic = dropped_no_extrinsic_;
+}
+
+}  // namespace lidar_camera_recalibration

@@ -1,0 +1,76 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <deque>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "extrinsic_keeper.hpp"
+#include "frame_buffer.hpp"
+#include "frame_builder.hpp"
+#include "frame_synchroniser.hpp"
+#include "lidar_camera_recalibration/error.hpp"
+#include "lidar_camera_recalibration/objective.hpp"
+#include "repeat_filter.hpp"
+#include "server.hpp"
+
+namespace lidar_camera_recalibration {
+
+/// From messages to scored frames in the buffer. Belongs to the server's worker thread alone.
+class FramePipeline {
+ public:
+  FramePipeline(const ServerConfig& config, ExtrinsicKeeper& keeper, const std::string& name,
+                const ServerOutputs& outputs);
+
+  FrameSynchroniser& synchroniser() { return synchroniser_; }
+
+  /// Prepares, scores and keeps (or refuses) the oldest complete frame. @return false if there was none.
+  bool step();
+  bool hasReady() const { return !ready_.empty(); }
+
+  void clearCaches();
+  void clearFrames() { buffer_.clear(); }
+  const FrameBuffer& buffer() const { return buffer_; }
+
+  /// The overlay shows the extrinsic before and after a result if the parameters want that.
+  void setComparison(const Eigen::Isometry3d& start) { comparison_start_ = start; }
+  /// Draws the newest frame under the extrinsic in force, if anybody looks.
+  void publishPictures();
+
+  /// Counters, memory and, if there is a problem, the reason why the last frame was refused.
+  void describe(RecalibrationState& state) const;
+  const std::string& lastProblem() const { return last_problem_; }
+
+ private:
+  void collectReady();
+  void process(const FrameMessages& messages);
+  FramePtr prepare(const FrameMessages& messages, const Eigen::Isometry3d& extrinsic, const FrameIds& ids);
+  void score(const FrameMessages& messages, const FramePtr& frame, const Eigen::Isometry3d& extrinsic);
+  void refuse(const FrameMessages& messages, std::uint64_t& counter, const std::string& reason);
+  void publish(CalibrationScore message, const FrameMessages& messages);
+
+  const ServerConfig& config_;
+  ExtrinsicKeeper& keeper_;
+  const std::string name_;
+  const ServerOutputs& outputs_;
+  FrameSynchroniser synchroniser_;
+  FrameBuffer buffer_;
+  std::unique_ptr<Objective> objective_;
+  RepeatFilter repeat_filter_;
+  std::deque<FrameMessages> ready_;
+
+  struct Newest {
+    FramePtr frame;
+    std_msgs::Header image_header, cloud_header;
+    double score = 0.0;
+  };
+  std::optional<Newest> newest_;
+  std::optional<Eigen::Isometry3d> comparison_start_;
+  std::string last_problem_;
+  bool startup_checked_ = false;
+  std::uint64_t dropped_invalid_ = 0, dropped_poor_ = 0, dropped_no_extrinsic_ = 0, dropped_late_ = 0;
+};
+
+}  // namespace lidar_camera_recalibration

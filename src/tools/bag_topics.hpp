@@ -1,0 +1,48 @@
+#pragma once
+
+#include <rosbag/bag.h>
+#include <sensor_msgs/Image.h>
+
+#include <boost/program_options.hpp>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace rosbag {
+class MessageInstance;
+}
+
+namespace lidar_camera_recalibration {
+
+struct BagTopic {
+  std::string name;
+  std::string type;         ///< `sensor_msgs/Image`
+  std::uint64_t count = 0;  ///< messages
+};
+
+/// The four inputs of the node; empty: none found.
+struct InputTopics {
+  std::string image, camera_info, points, masks;
+};
+
+/// Fills in what `given` leaves empty, by type and name: masks are images with `mask` in their names, the
+/// other image is preferably a raw one, CameraInfo is its neighbour, the cloud's name hints at a LiDAR.
+/// Between equals the one with more messages wins.
+InputTopics guessTopics(const std::vector<BagTopic>& topics, const InputTopics& given);
+
+/// `--image`, `--camera-info`, `--points`, `--masks`.
+void addTopicOptions(boost::program_options::options_description& options, InputTopics& topics);
+
+/// @throw Error(kFile) saying in words why the bag cannot be read, and that an unindexed one can be repaired.
+std::unique_ptr<rosbag::Bag> openBag(const std::string& path);
+std::vector<std::unique_ptr<rosbag::Bag>> openBags(const std::vector<std::string>& paths);
+
+/// Topics of all bags together, sorted by name.
+std::vector<BagTopic> topicsOf(const std::vector<std::unique_ptr<rosbag::Bag>>& bags);
+
+/// The image of an Image or CompressedImage message; null for any other type.
+/// @throw Error(kImage) if the compressed one cannot be decoded.
+sensor_msgs::ImageConstPtr imageFrom(const rosbag::MessageInstance& message);
+
+}  // namespace lidar_camera_recalibration
