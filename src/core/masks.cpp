@@ -1,0 +1,156 @@
+#include "lidar_camera_recalibration/masks.hpp"
+
+#include <algorithm>
+#include <map>
+#include <opencv2/imgproc.hpp>
+#include <sstream>
+#include <unordered_map>
+
+#include "lidar_camera_recalibration/error.hpp"
+
+namespace lidar_camera_recalibration {
+namespace {
+
+constexpr std::size_t kMaxSets = 65535;  // beside the empty set; what fits into the 16-bit set image
+
+using Ids = std::vector<std::int32_t>;
+
+struct IdsHash {
+  std::size_t operator()(const Ids& ids) const {
+    std::uint64_t hash = 0;
+    for (const std::int32_t id : ids) hash = (hash ^ static_cast<std::uint32_t>(id)) * 0x9E3779B97F4A7C15ULL;
+    return static_cast<std::size_t>(hash ^ (hash >> 32));
+  }
+};
+
+/// Numbers the sets of ids that pixels have. Different tuples of ids, one per layer, may be the same set.
+class SetNumbers {
+ public:
+  SetNumbers() { numberOf({}); }
+
+  std::uint16_t numberOf(const Ids& tuple) {
+    const auto known = of_tuple_.find(tuple);
+    if (known != of_tuple_.end()) return known->second;
+    Ids set = tuple;
+    std::sort(set.begin(), set.end());
+    set.erase(std::unique(set.begin(), set.end()), set.end());
+    set.erase(std::remove(set.begin(), set.end(), 0), set.end());
+    const auto inserted = of_set_.emplace(std::move(set), sets_.size());
+    if (inserted.second) {
+      if (sets_.size() > kMaxSets) {
+        throw Error(
+            ErrorCause::kMasks,
+            "the masks overlap in more than 65535 different ways, as noise would; check that the mask "
+            "layers hold ids and were neither interpolated nor compressed with loss");
+      }
+      sets_.push_back(&inserted.first->first);
+    }
+    const auto number = static_cast<std::uint16_t>(inserted.first->second);
+    of_tuple_.emplace(tuple, number);
+    return number;
+  }
+
+  const std::vector<const Ids*>& sets() const { return sets_; }
+
+ private:
+  std::unordered_map<Ids, std::uint16_t, IdsHash> of_tuple_;
+  std::map<Ids, std::size_t> of_set_;
+  std::vector<const Ids*> sets_;  // keys of of_set_, which never move
+};
+
+std::string describe(const cv::Mat& image) {
+  return std::to_string(image.cols) + "x" + std::to_string(image.rows) + " px, OpenCV type " +
+         std::to_string(image.type());
+}
+
+void checkLayers(const std::vector<cv::Mat>& layers) {
+  if (layers.empty() || layers.front().empty()) throw Error(ErrorCause::kMasks, "there is no mask layer");
+  for (std::size_t l = 0; l < layers.size(); ++l) {
+    if (layers[l].type() != CV_32SC1 || layers[l].size() != layers.front().size()) {
+      throw Error(ErrorCause::kMasks, "mask layer " + std::to_string(l) + " is " + describe(layers[l]) +
+                                          "; all layers must be CV_32SC1 and of one size, here " +
+                                          describe(layers.front()) + " in the first");
+    }
+    double smallest = 0.0;
+    cv::Point where;
+    cv::minMaxLoc(layers[l], &smallest, nullptr, &where);
+    if (smallest < 0.0) {
+      std::ostringstream message;
+      message << "mask layer " << l << " holds the negative id " << static_cast<std::int64_t>(smallest)
+              << " at pixel " << where << "; use 0 for no mask and positive ids";
+      throw Error(ErrorCause::kMasks, message.str());
+    }
+  }
+}
+
+/// Fills the set image. Neighbouring pixels mostly have the same ids, so the table is asked at borders only.
+cv::Mat numberPixels(const std::vector<cv::Mat>& layers, SetNumbers& numbers) {
+  const std::size_t count = layers.size();
+  cv::Mat set_of_pixel(layers.front().size(), CV_16UC1);
+  Ids last(count, 0);
+  std::uint16_t last_number = 0;
+  std::vector<const std::int32_t*> rows(count);
+  for (int v = 0; v < set_of_pixel.rows; ++v) {
+    for (std::size_t l = 0; l < count; ++l) rows[l] = layers[l].ptr<std::int32_t>(v);
+    auto* out = set_of_pixel.ptr<std::uint16_t>(v);
+    for (int u = 0; u < set_of_pixel.cols; ++u) {
+      bool same = true;
+      for (std::size_t l = 0; l < count; ++l) same &= rows[l][u] == last[l];
+      if (!same) {
+        for (std::size_t l = 0; l < count; ++l) last[l] = rows[l][u];
+        last_number = numbers.numberOf(last);
+      }
+      out[u] = last_number;
+    }
+  }
+  return set_of_pixel;
+}
+
+}  // namespace
+
+MaskSets MaskSets::fromLayers(const std::vector<cv::Mat>& layers) {
+  checkLayers(layers);
+  SetNumbers numbers;
+  MaskSets result;
+  result.set_of_pixel_ = numberPixels(layers, numbers);
+
+  Ids ids;
+  for (const Ids* set : numbers.sets()) ids.insert(ids.end(), set->begin(), set->end());
+  std::sort(ids.begin(), ids.end());
+  ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
+  if (ids.empty()) throw Error(ErrorCause::kMasks, "the mask image holds no mask: every pixel is 0");
+  result.mask_count_ = ids.size();
+
+  result.set_begin_.push_back(0);
+  for (const Ids* set : numbers.sets()) {
+    for (const std::int32_t id : *set) {
+      const auto index = std::lower_bound(ids.begin(), ids.end(), id) - ids.begin();
+      result.set_masks_.push_back(static_cast<std::uint32_t>(index));
+    }
+    result.set_begin_.push_back(static_cast<std::uint32_t>(result.set_masks_.size()));
+  }
+  return result;
+}
+
+std::vector<cv::Mat> layersFromBinaryMasks(const std::vector<cv::Mat>& masks) {
+  std::vector<cv::Mat> layers;
+  for (std::size_t i = 0; i < masks.size(); ++i) {
+    if (masks[i].type() != CV_8UC1 || masks[i].size() != masks.front().size()) {
+      throw Error(ErrorCause::kMasks, "binary mask " + std::to_string(i) + " is " + describe(masks[i]) +
+                                          "; all masks must be CV_8UC1 and of one size, here " +
+                                          describe(masks.front()) + " in the first");
+    }
+    const cv::Rect box = cv::boundingRect(masks[i]);
+    if (box.empty()) continue;
+    const cv::Mat inside = masks[i](box) != 0;
+    const auto overlaps = [&](const cv::Mat& layer) {
+      return cv::countNonZero(inside & (layer(box) != 0)) > 0;
+    };
+    auto layer = std::find_if_not(layers.begin(), layers.end(), overlaps);
+    if (layer == layers.end()) layer = layers.insert(layer, cv::Mat::zeros(masks[i].size(), CV_32SC1));
+    (*layer)(box).setTo(static_cast<double>(i + 1), inside);
+  }
+  return layers;
+}
+
+}  // namespace lidar_camera_recalibration
