@@ -100,8 +100,8 @@ Vector3f surfaceColor(const Part& part, const Hit& hit, float footprint) {
       return part.color * (1 + 0.4F * detail(at, 0.05F, footprint) + 0.3F * detail(at, 0.5F, footprint) +
                            0.2F * detail(at, 4.0F, footprint));
     case Texture::kPlaster:
-      return part.color * (1 + 0.05F * detail(at, 0.04F, footprint) +
-                           0.07F * detail({at.x(), 0.3F * at.y()}, 1.1F, footprint));
+      return part.color * (1 + 0.08F * detail(at, 0.04F, footprint) +
+                           0.13F * detail({at.x(), 0.3F * at.y()}, 1.1F, footprint));
     case Texture::kBrick: {
       const float mortar = joints(at, {0.24F, 0.077F}, 0.012F, footprint, true);
       const Vector3f stone = part.color * (1 + 0.25F * detail({at.x() / 3.1F, at.y()}, 0.077F, footprint) +

@@ -16,7 +16,7 @@ namespace {
 
 constexpr float kOffSurface = 2e-3F;  ///< start of secondary rays above the surface [m]
 constexpr int kBorderSamples = 3;     ///< per direction, where a pixel sees several parts
-constexpr float kSun = 2.1F, kAmbient = 0.62F, kExposure = 0.62F;
+constexpr float kSun = 2.3F, kAmbient = 0.55F, kExposure = 0.50F;
 
 bool isGround(PartKind kind) {
   return kind == PartKind::kRoad || kind == PartKind::kLaneMarking || kind == PartKind::kPavement ||
@@ -86,10 +86,10 @@ CameraSensor::Sample CameraSensor::sample(const Scene& scene, const Vector3f& or
   if (part.glass || part.texture == Texture::kPaint) {
     const Vector3f reflected = direction - 2 * direction.dot(hit->normal) * hit->normal;
     const float grazing = 1 + direction.dot(hit->normal);  // 0 head-on
-    const float share = (part.glass ? 0.14F : 0.04F) + 0.7F * std::pow(grazing, 4.0F);
+    const float share = (part.glass ? 0.2F : 0.05F) + 0.7F * std::pow(grazing, 4.0F);
     color = (1 - share) * color + share * mirrored(reflected, to_sun);
   }
-  const float haze = 1 - std::exp(-hit->distance / 900.0F);
+  const float haze = 1 - std::exp(-hit->distance / 1500.0F);
   color += haze * (Vector3f(0.62F, 0.70F, 0.80F) - color);
   return {color, hit->part, shadow};
 }

@@ -136,8 +136,8 @@ cv::Mat displaced(const cv::Mat& labels, const MaskConfig& config, Random& rando
 /// Grows from exact regions to what a segmenter would give, as one label image.
 class Segmentation {
  public:
-  Segmentation(const cv::Mat& labels, const MaskConfig& config, Random& random)
-      : config_(config), random_(random) {
+  Segmentation(const cv::Mat& labels, const MaskConfig& config, int max_masks, Random& random)
+      : config_(config), max_masks_(max_masks), random_(random) {
     regions_ = connectedRegions(labels, of_pixel_);
     mask_.resize(regions_.size());
     std::iota(mask_.begin(), mask_.end(), 0);
@@ -150,7 +150,6 @@ class Segmentation {
 
   /// Mask number of each pixel, 0 = none; numbers from 1.
   cv::Mat labels() const { return of_pixel_; }
-  int count() const { return count_; }
 
  private:
   bool small(std::size_t region) const { return regions_[region].area < config_.min_region; }
@@ -261,7 +260,7 @@ class Segmentation {
     for (const int mask : order) {
       const int area = area_[static_cast<std::size_t>(mask)];
       const double chance = area > of_pixel_.size().area() / 25 ? 0.3 * config_.missing : config_.missing;
-      if (area < config_.min_region || kept >= config_.max_masks || random_.chance(chance)) continue;
+      if (area < config_.min_region || kept >= max_masks_ || random_.chance(chance)) continue;
       renumbered[static_cast<std::size_t>(mask)] = ++kept;
     }
     of_pixel_.forEach<int>(
@@ -270,6 +269,7 @@ class Segmentation {
   }
 
   const MaskConfig& config_;
+  int max_masks_;
   Random& random_;
   cv::Mat of_pixel_;
   std::vector<Region> regions_;
@@ -361,13 +361,15 @@ std::vector<cv::Mat> simulateMasks(const Picture& picture, const std::vector<Par
                                    const MaskConfig& config, std::uint64_t seed) {
   Random random(seed, 7);
   const cv::Mat closed = withClosedCrowns(picture.part, parts);
-  const Segmentation segmentation(withShadows(closed, picture.shadow, parts, random), config, random);
+  std::set<int> used;
+  cv::Mat wholes = displaced(wholeThings(closed, parts, config, random), config, random);
+  finish(wholes, 2 * config.min_region, used, random);
+  const int max_pieces = config.max_masks - static_cast<int>(used.size());
+  const Segmentation segmentation(withShadows(closed, picture.shadow, parts, random), config, max_pieces,
+                                  random);
   cv::Mat pieces = displaced(segmentation.labels(), config, random);
   openGaps(pieces, random);
-  cv::Mat wholes = displaced(wholeThings(closed, parts, config, random), config, random);
-  std::set<int> used;
   finish(pieces, config.min_region, used, random);
-  finish(wholes, 2 * config.min_region, used, random);
   return {pieces, wholes};
 }
 

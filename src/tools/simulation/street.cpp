@@ -75,7 +75,7 @@ class StreetBuilder {
   }
 
   void ground() {
-    const auto road = factory_.addPart(PartKind::kRoad, 0, {0.12F, 0.12F, 0.125F}, 0.14F, Texture::kAsphalt);
+    const auto road = factory_.addPart(PartKind::kRoad, 0, {0.085F, 0.085F, 0.09F}, 0.14F, Texture::kAsphalt);
     ribbon(from_, to_, -kRoadHalf, 0, kRoadHalf, 0, road);
     for (const double side : {-1.0, 1.0}) {
       const auto kerb = factory_.addPart(PartKind::kKerb, 0, {0.36F, 0.36F, 0.35F}, 0.3F);
