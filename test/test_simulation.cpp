@@ -361,8 +361,8 @@ TEST(Masks, smallRegionsAndAboutATenthAreMissing) {
   for (Part& p : parts) p.kind = PartKind::kBody;
   for (int i = 0; i < 200; ++i) {
     part(cv::Rect(40 * (i % 20), 40 * (i / 20), 40, 40)) = i + 1;
-    // A speck of 64 px, too small for a mask of its own.
-    part(cv::Rect(40 * (i % 20) + 16, 40 * (i / 20) + 16, 8, 8)) = 201 + i;
+    // A speck of 81 px, too small for a mask of its own.
+    part(cv::Rect(40 * (i % 20) + 16, 40 * (i / 20) + 16, 9, 9)) = 201 + i;
   }
   MaskConfig config = calmMasks();
   config.missing = 0.1;
@@ -375,7 +375,7 @@ TEST(Masks, smallRegionsAndAboutATenthAreMissing) {
   }
   EXPECT_GE(present, 165);  // 180 +- 3.5 sigma
   EXPECT_LE(present, 195);
-  EXPECT_LE(specks, 4);  // where the displacement reaches 4 px
+  EXPECT_LE(specks, 4);  // where the displacement exceeds 4 px
 
   config.missing = 0.0;
   const cv::Mat again = simulateMasks(partsPicture(part), parts, config, 2).front();

@@ -21,6 +21,7 @@
 #include <map>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <optional>
 #include <set>
 #include <string>
 #include <thread>
@@ -128,60 +129,75 @@ std::string choice(const std::string& option, const std::string& text, const std
   return text;
 }
 
-/// @return nothing if help was asked for.
-std::optional<Options> parse(int argc, char** argv) {
-  static const std::vector<option> kOptions = [] {
-    std::vector<option> list;
-    for (const char* with_value : {"seed", "frames", "rate", "speed", "perturb", "step-time",
-                                   "step-rotation-deg", "step-translation-m", "beams", "width", "height",
-                                   "mask-fraction", "compression", "pictures", "threads"}) {
-      list.push_back({with_value, required_argument, nullptr, 0});
-    }
-    for (const char* flag : {"deskewed", "raw", "help"}) list.push_back({flag, no_argument, nullptr, 0});
-    list.push_back({nullptr, 0, nullptr, 0});
-    return list;
-  }();
-  Options options;
-  const std::map<std::string, std::function<void(const std::string&)>> setters = {
+using Setters = std::map<std::string, std::function<void(const std::string&)>>;
+
+/// What each option does with its value, which getopt leaves in `optarg`.
+Setters setters(Options& options, int argc, char** argv) {
+  return {
       {"seed",
-       [&](const std::string& o) { options.seed = static_cast<std::uint64_t>(number(o, optarg, 0, 9e15)); }},
-      {"frames", [&](const std::string& o) { options.frames = integer(o, optarg, 1, 100000); }},
-      {"rate", [&](const std::string& o) { options.rate = number(o, optarg, 0.1, 10); }},
-      {"speed", [&](const std::string& o) { options.speed = number(o, optarg, 0, 40); }},
+       [&options](const std::string& o) {
+         options.seed = static_cast<std::uint64_t>(number(o, optarg, 0, 9e15));
+       }},
+      {"frames", [&options](const std::string& o) { options.frames = integer(o, optarg, 1, 100000); }},
+      {"rate", [&options](const std::string& o) { options.rate = number(o, optarg, 0.1, 10); }},
+      {"speed", [&options](const std::string& o) { options.speed = number(o, optarg, 0, 40); }},
       {"perturb",
-       [&](const std::string& o) {
+       [&options, argc, argv](const std::string& o) {
          options.error_deg = number(o + " DEG", optarg, 0, 170);
          options.error_m = number(o + " M", optind < argc ? argv[optind] : nullptr, 0, 10);
          ++optind;  // the second value belongs to the option
        }},
-      {"step-time", [&](const std::string& o) { options.step_time = number(o, optarg, 0, 1e6); }},
-      {"step-rotation-deg", [&](const std::string& o) { options.step_deg = number(o, optarg, 0, 170); }},
-      {"step-translation-m", [&](const std::string& o) { options.step_m = number(o, optarg, 0, 10); }},
-      {"beams", [&](const std::string& o) { options.beams = integer(o, optarg, 16, 64); }},
-      {"width", [&](const std::string& o) { options.width = integer(o, optarg, 64, 8192); }},
-      {"height", [&](const std::string& o) { options.height = integer(o, optarg, 64, 8192); }},
-      {"mask-fraction", [&](const std::string& o) { options.mask_fraction = number(o, optarg, 0, 1); }},
+      {"step-time", [&options](const std::string& o) { options.step_time = number(o, optarg, 0, 1e6); }},
+      {"step-rotation-deg",
+       [&options](const std::string& o) { options.step_deg = number(o, optarg, 0, 170); }},
+      {"step-translation-m", [&options](const std::string& o) { options.step_m = number(o, optarg, 0, 10); }},
+      {"beams", [&options](const std::string& o) { options.beams = integer(o, optarg, 16, 64); }},
+      {"width", [&options](const std::string& o) { options.width = integer(o, optarg, 64, 8192); }},
+      {"height", [&options](const std::string& o) { options.height = integer(o, optarg, 64, 8192); }},
+      {"mask-fraction",
+       [&options](const std::string& o) { options.mask_fraction = number(o, optarg, 0, 1); }},
       {"compression",
-       [&](const std::string& o) { options.compress = choice(o, optarg, "lz4", "none") == "lz4"; }},
-      {"pictures", [&](const std::string&) { options.pictures = optarg; }},
-      {"threads", [&](const std::string& o) { options.threads = integer(o, optarg, 1, 1024); }},
-      {"deskewed", [&](const std::string&) { options.deskewed = true; }},
-      {"raw", [&](const std::string&) { options.deskewed = false; }}};
+       [&options](const std::string& o) { options.compress = choice(o, optarg, "lz4", "none") == "lz4"; }},
+      {"pictures", [&options](const std::string&) { options.pictures = optarg; }},
+      {"threads", [&options](const std::string& o) { options.threads = integer(o, optarg, 1, 1024); }},
+      {"deskewed", [&options](const std::string&) { options.deskewed = true; }},
+      {"raw", [&options](const std::string&) { options.deskewed = false; }}};
+}
+
+std::vector<option> longOptions() {
+  std::vector<option> list;
+  for (const char* with_value :
+       {"seed", "frames", "rate", "speed", "perturb", "step-time", "step-rotation-deg", "step-translation-m",
+        "beams", "width", "height", "mask-fraction", "compression", "pictures", "threads"}) {
+    list.push_back({with_value, required_argument, nullptr, 0});
+  }
+  for (const char* flag : {"deskewed", "raw", "help"}) list.push_back({flag, no_argument, nullptr, 0});
+  list.push_back({nullptr, 0, nullptr, 0});
+  return list;
+}
+
+/// @return nothing if help was asked for.
+std::optional<Options> parse(int argc, char** argv) {
+  const std::vector<option> long_options = longOptions();
+  Options options;
+  const Setters set = setters(options, argc, argv);
   opterr = 0;
-  for (int index = 0, code; (code = getopt_long(argc, argv, ":", kOptions.data(), &index)) != -1;) {
+  for (int index = 0, code; (code = getopt_long(argc, argv, ":", long_options.data(), &index)) != -1;) {
     const std::string word = optind > 0 && optind <= argc ? argv[optind - 1] : "";
     if (code == ':') throw UsageError(word + " needs a value.");
     if (code == '?') throw UsageError("Unknown option '" + word + "'.");
-    const std::string option_name = kOptions[static_cast<std::size_t>(index)].name;
+    const std::string option_name = long_options[static_cast<std::size_t>(index)].name;
     if (option_name == "help") return std::nullopt;
-    setters.at(option_name)("--" + option_name);
+    set.at(option_name)("--" + option_name);
   }
   if (optind + 1 != argc) {
     throw UsageError(optind < argc ? "One bag at a time; what is '" + std::string(argv[optind + 1]) + "'?"
                                    : "Which bag shall be written?");
   }
   options.out = argv[optind];
-  beamElevations(options.beams);
+  if (options.beams != 16 && options.beams != 32 && options.beams != 64) {
+    throw UsageError("--beams needs 16, 32 or 64, not " + std::to_string(options.beams) + ".");
+  }
   return options;
 }
 
@@ -265,6 +281,13 @@ class DriveBag {
     bag_.setCompression(compress ? rosbag::compression::LZ4 : rosbag::compression::Uncompressed);
   }
 
+  ~DriveBag() {
+    if (closed_) return;
+    bag_.close();
+    std::error_code ignored;  // the reason why the drive stopped is the one to be told
+    std::filesystem::remove(unfinished_, ignored);
+  }
+
   /// @param time  of recording [s] since the start of the drive
   template <typename Message>
   void add(const std::string& topic, double time, Message message, bool latched = false) {
@@ -286,6 +309,7 @@ class DriveBag {
     flush(1e9);
     bag_.close();
     std::filesystem::rename(unfinished_, path_);
+    closed_ = true;
   }
 
  private:
@@ -305,6 +329,7 @@ class DriveBag {
   }
 
   std::string path_, unfinished_;
+  bool closed_ = false;
   rosbag::Bag bag_;
   std::multimap<ros::Time, std::function<void()>> waiting_;
   std::map<std::string, boost::shared_ptr<ros::M_string>> latched_;

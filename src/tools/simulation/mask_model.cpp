@@ -248,7 +248,7 @@ class Segmentation {
     }
   }
 
-  /// Too small after the split, above the limit, or simply missed; the largest masks are missed more rarely.
+  /// Too small after the split, above the limit, or simply missed; large masks are missed more rarely.
   void leaveOut() {
     std::vector<int> order(static_cast<std::size_t>(count_));
     std::iota(order.begin(), order.end(), 1);
@@ -259,7 +259,7 @@ class Segmentation {
     int kept = 0;
     for (const int mask : order) {
       const int area = area_[static_cast<std::size_t>(mask)];
-      const double chance = area > of_pixel_.size().area() / 25 ? 0.3 * config_.missing : config_.missing;
+      const double chance = area > of_pixel_.size().area() / 25 ? 0.6 * config_.missing : config_.missing;
       if (area < config_.min_region || kept >= max_masks_ || random_.chance(chance)) continue;
       renumbered[static_cast<std::size_t>(mask)] = ++kept;
     }
@@ -364,7 +364,8 @@ std::vector<cv::Mat> simulateMasks(const Picture& picture, const std::vector<Par
   std::set<int> used;
   cv::Mat wholes = displaced(wholeThings(closed, parts, config, random), config, random);
   finish(wholes, 2 * config.min_region, used, random);
-  const int max_pieces = config.max_masks - static_cast<int>(used.size());
+  const int limit = random.integer(3 * config.max_masks / 4, config.max_masks);
+  const int max_pieces = limit - static_cast<int>(used.size());
   const Segmentation segmentation(withShadows(closed, picture.shadow, parts, random), config, max_pieces,
                                   random);
   cv::Mat pieces = displaced(segmentation.labels(), config, random);

@@ -225,18 +225,18 @@ void ObjectFactory::carEnds(MeshBuilder& builder, int object, float half_length,
   }
 }
 
-void ObjectFactory::car(Mesh& mesh, const Eigen::Isometry3f& T_mesh_local) {
-  MeshBuilder builder(mesh, T_mesh_local);
-  const int object = newObject();
-  const Vector3f color = paintColor();
-  const std::uint32_t body =
-      addPart(PartKind::kBody, object, color, 0.05F + 0.75F * color.mean(), Texture::kPaint);
-  const float l = between(1.9, 2.35), w = between(0.84, 0.93), belt = between(0.86, 1.0),
-              top = between(1.4, 1.62);
-  const bool estate = random_.chance(0.5);
+struct ObjectFactory::CarShape {
+  int object;
+  std::uint32_t body;
+  float half_length, half_width, belt, top;  ///< belt: height of the lower edge of the windows [m]
+  bool estate;
+};
+
+void ObjectFactory::carBody(MeshBuilder& builder, const CarShape& shape) {
+  const float l = shape.half_length, w = shape.half_width, belt = shape.belt;
   // Outline of the upper edge of the body from the rear to the front: (x, z).
   const std::array<Vector2f, 6> outline = {
-      Vector2f(-l, 0.72F * belt),        Vector2f(-l + 0.06F, estate ? belt : 0.95F * belt),
+      Vector2f(-l, 0.72F * belt),        Vector2f(-l + 0.06F, shape.estate ? belt : 0.95F * belt),
       Vector2f(-0.45F * l, belt),        Vector2f(0.45F * l, belt),
       Vector2f(l - 0.18F, 0.80F * belt), Vector2f(l, 0.62F * belt)};
   const float low = 0.2F, waist = 0.5F;
@@ -244,26 +244,31 @@ void ObjectFactory::car(Mesh& mesh, const Eigen::Isometry3f& T_mesh_local) {
     const Vector2f p = outline[i], q = outline[i + 1];
     for (const float side : {-1.0F, 1.0F}) {
       builder.quad({p.x(), side * (w - 0.04F), low}, {q.x(), side * (w - 0.04F), low},
-                   {q.x(), side * w, waist}, {p.x(), side * w, waist}, body);
+                   {q.x(), side * w, waist}, {p.x(), side * w, waist}, shape.body);
       builder.quad({p.x(), side * w, waist}, {q.x(), side * w, waist}, {q.x(), side * (w - 0.06F), q.y()},
-                   {p.x(), side * (w - 0.06F), p.y()}, body);
+                   {p.x(), side * (w - 0.06F), p.y()}, shape.body);
     }
     builder.quad({p.x(), -w + 0.06F, p.y()}, {q.x(), -w + 0.06F, q.y()}, {q.x(), w - 0.06F, q.y()},
-                 {p.x(), w - 0.06F, p.y()}, body);
+                 {p.x(), w - 0.06F, p.y()}, shape.body);
   }
   for (const Vector2f& end : {outline.front(), outline.back()}) {
-    builder.quad({end.x(), -w, low}, {end.x(), w, low}, {end.x(), w, end.y()}, {end.x(), -w, end.y()}, body);
+    builder.quad({end.x(), -w, low}, {end.x(), w, low}, {end.x(), w, end.y()}, {end.x(), -w, end.y()},
+                 shape.body);
   }
-  builder.quad({-l, -w, low}, {l, -w, low}, {l, w, low}, {-l, w, low}, body);
+  builder.quad({-l, -w, low}, {l, -w, low}, {l, w, low}, {-l, w, low}, shape.body);
+}
 
-  // Cabin: a frustum with panes.
-  const float rear = estate ? -l + 0.1F : -0.72F * l, front = 0.48F * l, base = belt - 0.03F;
-  const float roof_rear = estate ? rear + 0.3F : rear + 0.55F, roof_front = front - between(0.6, 0.85);
+/// A frustum with panes.
+void ObjectFactory::carCabin(MeshBuilder& builder, const CarShape& shape) {
+  const float l = shape.half_length, w = shape.half_width, top = shape.top;
+  const float rear = shape.estate ? -l + 0.1F : -0.72F * l, front = 0.48F * l, base = shape.belt - 0.03F;
+  const float roof_rear = shape.estate ? rear + 0.3F : rear + 0.55F, roof_front = front - between(0.6, 0.85);
   const float wb = w - 0.06F, wt = w - 0.24F, middle_base = 0.5F * (rear + front),
               middle_top = 0.5F * (roof_rear + roof_front);
   const auto pane = [&](const std::array<Vector3f, 4>& corners, float side, float low_margin,
                         float high_margin) {
-    builder.framedPane(corners, side, low_margin, high_margin, body, addGlass(PartKind::kCarWindow, object));
+    builder.framedPane(corners, side, low_margin, high_margin, shape.body,
+                       addGlass(PartKind::kCarWindow, shape.object));
   };
   for (const float side : {-1.0F, 1.0F}) {
     pane({Vector3f(rear, side * wb, base), Vector3f(middle_base, side * wb, base),
@@ -280,9 +285,24 @@ void ObjectFactory::car(Mesh& mesh, const Eigen::Isometry3f& T_mesh_local) {
         Vector3f(roof_rear, -wt, top)},
        0.1F, 0.15F, 0.15F);
   builder.quad({roof_rear, -wt, top}, {roof_front, -wt, top}, {roof_front, wt, top}, {roof_rear, wt, top},
-               body);
-  wheels(builder, object, 0.62F * l, w, between(0.29, 0.34));
-  carEnds(builder, object, l, w, 0.55F * belt + 0.02F);
+               shape.body);
+}
+
+void ObjectFactory::car(Mesh& mesh, const Eigen::Isometry3f& T_mesh_local) {
+  MeshBuilder builder(mesh, T_mesh_local);
+  const Vector3f color = paintColor();
+  CarShape shape;
+  shape.object = newObject();
+  shape.body = addPart(PartKind::kBody, shape.object, color, 0.05F + 0.75F * color.mean(), Texture::kPaint);
+  shape.half_length = between(1.9, 2.35);
+  shape.half_width = between(0.84, 0.93);
+  shape.belt = between(0.86, 1.0);
+  shape.top = between(1.4, 1.62);
+  shape.estate = random_.chance(0.5);
+  carBody(builder, shape);
+  carCabin(builder, shape);
+  wheels(builder, shape.object, 0.62F * shape.half_length, shape.half_width, between(0.29, 0.34));
+  carEnds(builder, shape.object, shape.half_length, shape.half_width, 0.55F * shape.belt + 0.02F);
 }
 
 void ObjectFactory::van(Mesh& mesh, const Eigen::Isometry3f& T_mesh_local) {
@@ -322,8 +342,13 @@ void ObjectFactory::van(Mesh& mesh, const Eigen::Isometry3f& T_mesh_local) {
 
 struct ObjectFactory::FrontStyle {
   int object;
-  std::uint32_t facade, frame;
-  float window_width, window_height, recess;
+  std::uint32_t facade, frame, side_wall;
+  float window_width, window_height, recess;  ///< [m]
+  int floors, columns;
+  float ground, storey;  ///< heights of the ground floor and the others [m]
+  bool shop;             ///< large panes on the ground floor
+
+  float height() const { return ground + static_cast<float>(floors - 1) * storey; }
 };
 
 /// One storey-high cell (x0, x1, z0, z1) of a front at y = 0 with an opening set back into it.
@@ -384,66 +409,77 @@ void ObjectFactory::roof(MeshBuilder& builder, int object, float width, float de
   builder.box({chimney, middle - 1.2F, height}, {chimney + 0.6F, middle - 0.6F, ridge + 0.5F}, side_wall);
 }
 
-void ObjectFactory::house(Mesh& mesh, const Eigen::Isometry3f& T_mesh_local, float width, float depth) {
-  MeshBuilder builder(mesh, T_mesh_local);
+ObjectFactory::FrontStyle ObjectFactory::frontStyle(float width) {
   static const std::array<Vector3f, 6> kWalls = {
       Vector3f(0.55F, 0.50F, 0.40F), Vector3f(0.62F, 0.60F, 0.57F), Vector3f(0.30F, 0.13F, 0.09F),
       Vector3f(0.48F, 0.33F, 0.18F), Vector3f(0.36F, 0.36F, 0.37F), Vector3f(0.42F, 0.45F, 0.36F)};
-  const int object = newObject();
   const std::size_t wall_kind = static_cast<std::size_t>(random_.integer(0, 5));
   const bool brick = wall_kind == 2 || random_.chance(0.25);
   const Vector3f color = varied(kWalls[wall_kind], 0.2F);
   const float reflectivity = between(0.25, 0.65);
   FrontStyle style;
-  style.object = object;
-  style.facade =
-      addPart(PartKind::kFacade, object, color, reflectivity, brick ? Texture::kBrick : Texture::kPlaster);
-  style.frame = addPart(PartKind::kFacade, object, varied({0.55F, 0.54F, 0.52F}, 0.3F), 0.5F);
+  style.object = newObject();
+  style.facade = addPart(PartKind::kFacade, style.object, color, reflectivity,
+                         brick ? Texture::kBrick : Texture::kPlaster);
+  style.frame = addPart(PartKind::kFacade, style.object, varied({0.55F, 0.54F, 0.52F}, 0.3F), 0.5F);
+  style.side_wall =
+      addPart(PartKind::kSideWall, style.object, 0.85F * color, reflectivity * 0.9F, Texture::kPlaster);
   style.window_width = between(0.9, 1.5);
   style.window_height = between(1.2, 1.7);
   style.recess = between(0.08, 0.3);
-  const std::uint32_t side_wall =
-      addPart(PartKind::kSideWall, object, 0.85F * color, reflectivity * 0.9F, Texture::kPlaster);
+  style.floors = random_.integer(2, 4);
+  style.columns = std::max(2, static_cast<int>(width / between(2.2, 3.2)));
+  style.ground = between(3.0, 3.8);
+  style.storey = between(2.7, 3.2);
+  style.shop = random_.chance(0.35);
+  return style;
+}
 
-  const int floors = random_.integer(2, 4),
-            columns = std::max(2, static_cast<int>(width / between(2.2, 3.2)));
-  const float ground = between(3.0, 3.8), storey = between(2.7, 3.2),
-              column = width / static_cast<float>(columns);
-  const float height = ground + static_cast<float>(floors - 1) * storey;
-  const int door = random_.integer(0, columns - 1),
-            balconies = random_.chance(0.35) ? random_.integer(0, columns - 1) : -1;
-  const bool shop = random_.chance(0.35);
-  const int bay = random_.chance(0.3) ? random_.integer(0, columns - 1) : -1;
-  for (int c = 0; c < columns; ++c) {
+/// One column of the upper floors, pushed out by `reach` over the pavement.
+void ObjectFactory::upperFloors(Mesh& mesh, const Eigen::Isometry3f& T_mesh_local, const FrontStyle& style,
+                                float x0, float x1, float reach) {
+  Eigen::Isometry3f T_mesh_front = T_mesh_local;
+  T_mesh_front.translate(Vector3f(0, -reach, 0));
+  MeshBuilder front(mesh, T_mesh_front);
+  for (int f = 1; f < style.floors; ++f) {
+    const float z0 = style.ground + static_cast<float>(f - 1) * style.storey;
+    frontCell(front, style, {x0, x1, z0, z0 + style.storey}, false, false);
+  }
+  if (reach <= 0) return;
+  const float low = style.ground, high = style.height();
+  front.quad({x0, 0, low}, {x0, reach, low}, {x0, reach, high}, {x0, 0, high}, style.facade);
+  front.quad({x1, 0, low}, {x1, reach, low}, {x1, reach, high}, {x1, 0, high}, style.facade);
+  front.quad({x0, 0, low}, {x1, 0, low}, {x1, reach, low}, {x0, reach, low}, style.facade);
+  front.quad({x0, 0, high}, {x1, 0, high}, {x1, reach, high}, {x0, reach, high}, style.facade);
+}
+
+void ObjectFactory::house(Mesh& mesh, const Eigen::Isometry3f& T_mesh_local, float width, float depth) {
+  MeshBuilder builder(mesh, T_mesh_local);
+  const FrontStyle style = frontStyle(width);
+  const float column = width / static_cast<float>(style.columns), height = style.height();
+  const int door = random_.integer(0, style.columns - 1);
+  const int balconies = random_.chance(0.35) ? random_.integer(0, style.columns - 1) : -1;
+  const int bay = random_.chance(0.3) ? random_.integer(0, style.columns - 1) : -1;
+  for (int c = 0; c < style.columns; ++c) {
     const float x0 = static_cast<float>(c) * column, x1 = x0 + column;
-    frontCell(builder, style, {x0, x1, 0, ground}, c == door, shop);
-    const bool in_bay = c == bay && c != balconies;
-    Eigen::Isometry3f T_mesh_front = T_mesh_local;
-    if (in_bay) T_mesh_front.translate(Vector3f(0, -0.8F, 0));
-    MeshBuilder front(mesh, T_mesh_front);
-    for (int f = 1; f < floors; ++f) {
-      const float z0 = ground + static_cast<float>(f - 1) * storey;
-      frontCell(front, style, {x0, x1, z0, z0 + storey}, false, false);
-      if (c == balconies) balcony(builder, style, x0 + 0.1F, x1 - 0.1F, z0 + 0.2F);
-    }
-    if (in_bay) {
-      builder.quad({x0, -0.8F, ground}, {x0, 0, ground}, {x0, 0, height}, {x0, -0.8F, height}, style.facade);
-      builder.quad({x1, -0.8F, ground}, {x1, 0, ground}, {x1, 0, height}, {x1, -0.8F, height}, style.facade);
-      builder.quad({x0, -0.8F, ground}, {x1, -0.8F, ground}, {x1, 0, ground}, {x0, 0, ground}, style.facade);
-      builder.quad({x0, -0.8F, height}, {x1, -0.8F, height}, {x1, 0, height}, {x0, 0, height}, style.facade);
+    frontCell(builder, style, {x0, x1, 0, style.ground}, c == door, style.shop);
+    upperFloors(mesh, T_mesh_local, style, x0, x1, c == bay && c != balconies ? 0.8F : 0.0F);
+    for (int f = 1; f < style.floors && c == balconies; ++f) {
+      balcony(builder, style, x0 + 0.1F, x1 - 0.1F,
+              style.ground + static_cast<float>(f - 1) * style.storey + 0.2F);
     }
   }
-  if (shop && random_.chance(0.6)) {  // an awning
-    const std::uint32_t awning = addPart(PartKind::kBalcony, object, paintColor(), 0.5F);
-    builder.quad({0.3F, 0.0F, ground - 0.15F}, {width - 0.3F, 0.0F, ground - 0.15F},
-                 {width - 0.3F, -1.2F, ground - 0.65F}, {0.3F, -1.2F, ground - 0.65F}, awning);
+  if (style.shop && random_.chance(0.6)) {
+    const std::uint32_t awning = addPart(PartKind::kBalcony, style.object, paintColor(), 0.5F);
+    const float left = 0.3F, right = width - 0.3F, high = style.ground - 0.15F, low = high - 0.5F;
+    builder.quad({left, 0, high}, {right, 0, high}, {right, -1.2F, low}, {left, -1.2F, low}, awning);
   }
   for (const float x : {0.0F, width}) {
-    builder.quad({x, 0, 0}, {x, depth, 0}, {x, depth, height}, {x, 0, height}, side_wall);
+    builder.quad({x, 0, 0}, {x, depth, 0}, {x, depth, height}, {x, 0, height}, style.side_wall);
   }
-  builder.quad({0, depth, 0}, {width, depth, 0}, {width, depth, height}, {0, depth, height}, side_wall);
+  builder.quad({0, depth, 0}, {width, depth, 0}, {width, depth, height}, {0, depth, height}, style.side_wall);
   builder.box({-0.05F, -0.3F, height - 0.25F}, {width + 0.05F, 0.02F, height}, style.frame);
-  roof(builder, object, width, depth, height, side_wall);
+  roof(builder, style.object, width, depth, height, style.side_wall);
 }
 
 }  // namespace lidar_camera_recalibration::simulation

@@ -32,6 +32,7 @@ class ObjectFactory {
 
  private:
   struct FrontStyle;
+  struct CarShape;
   int newObject() { return ++last_object_; }
   float between(double from, double to) { return static_cast<float>(random_.uniform(from, to)); }
   Eigen::Vector3f varied(const Eigen::Vector3f& color, float spread);
@@ -43,6 +44,11 @@ class ObjectFactory {
   void carEnds(MeshBuilder& builder, int object, float half_length, float half_width, float height);
   void frontCell(MeshBuilder& builder, const FrontStyle& style, const Eigen::Vector4f& cell, bool door,
                  bool shop);
+  FrontStyle frontStyle(float width);
+  void upperFloors(Mesh& mesh, const Eigen::Isometry3f& T_mesh_local, const FrontStyle& style, float x0,
+                   float x1, float reach);
+  void carBody(MeshBuilder& builder, const CarShape& shape);
+  void carCabin(MeshBuilder& builder, const CarShape& shape);
   void balcony(MeshBuilder& builder, const FrontStyle& style, float x0, float x1, float z);
   void roof(MeshBuilder& builder, int object, float width, float depth, float height,
             std::uint32_t side_wall);
