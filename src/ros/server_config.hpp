@@ -1,7 +1,10 @@
 #pragma once
 
+#include <xmlrpcpp/XmlRpcValue.h>
+
 #include <Eigen/Geometry>
 #include <functional>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -11,13 +14,10 @@
 #include "lidar_camera_recalibration/frame.hpp"
 #include "lidar_camera_recalibration/overlay.hpp"
 
-namespace XmlRpc {
-class XmlRpcValue;
-}
-
 namespace lidar_camera_recalibration {
 
-/// All that the server can be told. config/recalibration.yaml explains every member; the defaults are here and in the core's structs.
+/// All that the server can be told. config/recalibration.yaml explains every member; the defaults are here
+/// and in the core's structs.
 struct ServerConfig {
   std::string mode = "on_request";
 
@@ -35,30 +35,51 @@ struct ServerConfig {
   // Frames
   FrameConfig frame;
   int frames_min = 5;
-  int frames_max = 20;                            ///< the oldest one leaves
-  double frames_min_interval = 1.0;               ///< between the stamps of two kept frames [s]
+  int frames_max = 20;               ///< the oldest one leaves
+  double frames_min_interval = 1.0;  ///< between the stamps of two kept frames [s]
   std::size_t frames_max_bytes = 512u * 1024 * 1024;
 
   // Search and gate
   CalibratorConfig calibrator;
-  double service_timeout = 300.0;                 ///< of ~recalibrate with wait [s]
+  double service_timeout = 300.0;  ///< of ~recalibrate with wait [s]
 
   // Outputs
-  std::string tf_child_frame;                     ///< empty: <camera frame>_recalibrated
+  std::string tf_child_frame;  ///< empty: <camera frame>_recalibrated
   bool tf_publish = true;
-  std::string tf_correct_parent, tf_correct_child;  ///< both or none: the edge of the vehicle's chain that this node owns
-  std::string result_file;                        ///< written after each accepted result and by ~save; empty: never by itself
+  std::string tf_correct_parent,
+      tf_correct_child;     ///< both or none: the edge of the vehicle's chain that this node owns
+  std::string result_file;  ///< written after each accepted result and by ~save; empty: never by itself
   OverlayColor overlay_color = OverlayColor::kDepth;
-  bool overlay_compare = false;                   ///< start and result one above the other
+  bool overlay_compare = false;  ///< start and result one above the other
 };
 
-/// Looks up a parameter by its private name (`search/seed`); false if it is not set.
+/// Looks up a parameter by its private name (`gate/min_gain`); false if it is not set.
 using ParameterSource = std::function<bool(const std::string& name, XmlRpc::XmlRpcValue& value)>;
 
-/// Every parameter that exists, with its default, in the order of config/recalibration.yaml.
+/// Parameters by their private names.
+using Parameters = std::map<std::string, XmlRpc::XmlRpcValue>;
+
+/// Every parameter that exists, in the order of config/recalibration.yaml.
 std::vector<std::string> parameterNames();
+
+/// What a parameter may be, in words: `a number from 0 to 1`. @throw Error(kParameter) for an unknown name.
+std::string allowedValues(const std::string& name);
+
+/// A member of the configuration as YAML text. @throw Error(kParameter) for an unknown name.
+std::string parameterText(const ServerConfig& config, const std::string& name);
 
 /// @throw Error(kParameter) naming the parameter, its value and what is allowed.
 ServerConfig readServerConfig(const ParameterSource& source);
+
+/// A sentence for each name that is no parameter, with the most similar one that is.
+std::vector<std::string> unknownParameters(const std::vector<std::string>& names);
+
+/// A tree as the parameter server gives it (nested structs) to `group/name`.
+Parameters flatten(const XmlRpc::XmlRpcValue& tree);
+
+/// A parameter file, read without a parameter server. @throw Error(kFile) naming the file and the line.
+Parameters readParameterFile(const std::string& path);
+
+ParameterSource sourceOf(const Parameters& parameters);
 
 }  // namespace lidar_camera_recalibration
