@@ -3,6 +3,8 @@
 #include <tf2_eigen/tf2_eigen.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -27,13 +29,6 @@ namespace lidar_camera_recalibration {
 namespace {
 
 using std::chrono::steady_clock;
-
-/// About 1.7 deg and 6 cm from the scene's extrinsic.
-Eigen::Isometry3d wrongGuess() {
-  Vector6d xi;
-  xi << 0.015, -0.02, 0.015, 0.04, -0.03, 0.03;
-  return exp(xi) * SyntheticScene::T_camera_lidar();
-}
 
 ServerConfig quickConfig() {
   ServerConfig config;
@@ -65,7 +60,7 @@ class Rig {
     outputs.transform = [this](const geometry_msgs::TransformStamped& transform) {
       collect(transforms_, transform);
     };
-    outputs.wants_overlay = outputs.wants_colored_points = [this] { return wants_pictures; };
+    outputs.wants_overlay = outputs.wants_colored_points = [this] { return wants_pictures.load(); };
     outputs.overlay = [this](const sensor_msgs::ImageConstPtr& image) { collect(overlays_, image); };
     outputs.colored_points = [this](const sensor_msgs::PointCloud2ConstPtr& cloud) {
       collect(clouds_, cloud);
@@ -74,11 +69,14 @@ class Rig {
   }
 
   void add(const FrameMessages& messages) {
+    send(messages);
+    server->waitUntilIdle();
+  }
+  void send(const FrameMessages& messages) {
     server->addImage(messages.image);
     server->addCameraInfo(messages.info);
     server->addCloud(messages.cloud);
     server->addMasks(messages.masks);
-    server->waitUntilIdle();
   }
   void addFrames(unsigned count) {
     for (unsigned i = 1; i <= count; ++i) add(syntheticMessages(i, ros::Time(100 + i)));
@@ -464,7 +462,7 @@ TEST(Server, CancelEndsASearch) {
   EXPECT_TRUE(rig.server->recalibrate(Recalibrate::Request()).success);
   ASSERT_TRUE(eventually([&] { return rig.server->state().state == RecalibrationState::SEARCHING; }));
   EXPECT_FALSE(rig.server->restore(message)) << "not during a search";
-  rig.add(syntheticMessages(9, ros::Time(130)));  // inputs are taken while it searches
+  rig.send(syntheticMessages(9, ros::Time(130)));  // inputs are taken while it searches
   EXPECT_TRUE(eventually([&] { return rig.server->state().frames == 3; }));
   ASSERT_TRUE(rig.server->cancel(message));
   rig.server->waitUntilIdle();
