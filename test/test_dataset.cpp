@@ -356,6 +356,19 @@ TEST_F(DatasetTest, BrokenFilesAreNamed) {
         "4000000000\n"
         "DATA binary\nabc");
   expectContains(refusal([&] { open()->cloud(0); }), "a.pcd\"");
+  // Every cut of a compressed and of a binary file, PCL's own reader crashes on some.
+  pcl::PointCloud<pcl::PointXYZI> cloud;
+  for (int i = 0; i < 50; ++i) cloud.push_back(pcl::PointXYZI(1, 2, static_cast<float>(i), 5));
+  for (const bool compressed : {false, true}) {
+    compressed ? pcl::io::savePCDFileBinaryCompressed((root_ / "pc/a.pcd").string(), cloud)
+               : pcl::io::savePCDFileBinary((root_ / "pc/a.pcd").string(), cloud);
+    const std::string whole = readText(root_ / "pc/a.pcd");
+    EXPECT_EQ(open()->cloud(0).size(), 50u);
+    for (std::size_t size = 1; size < whole.size(); size += 7) {
+      write("pc/a.pcd", whole.substr(0, size));
+      expectContains(refusal([&] { open()->cloud(0); }), "a.pcd\"");
+    }
+  }
   write("pc/a.pcd", "this is no cloud");
   expectContains(refusal([&] { open()->cloud(0); }), "a.pcd\"");
   fs::remove(root_ / "pc/a.pcd");
