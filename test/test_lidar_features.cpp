@@ -159,6 +159,22 @@ TEST(Normals, AreZeroWhereNoPlaneFits) {
   EXPECT_NEAR(estimateNormals({{5, 0, 0}, {5, 1, 0}, {5, 0, 1}}, 30)[0].x(), -1.0f, 1e-6f);
 }
 
+// 30 neighbours lie on one ring, which with its noise fits planes of any tilt around it.
+TEST(Normals, GroundInRingsFarApart) {
+  std::mt19937 random(1);
+  std::normal_distribution<float> noise(0.0f, 0.01f);
+  Points points;
+  for (const float radius : {5.0f, 5.6f, 6.3f, 7.0f}) {
+    for (float azimuth = -0.5f; azimuth < 0.5f; azimuth += 0.0035f) {
+      const float r = radius + noise(random);
+      points.emplace_back(r * std::cos(azimuth), r * std::sin(azimuth), -1.7f + noise(random));
+    }
+  }
+  int up = 0;
+  for (const auto& n : estimateNormals(points, 30)) up += n.z() > 0.98f;
+  EXPECT_GT(up, 0.97 * static_cast<double>(points.size()));
+}
+
 TEST(Reflectivity, OneRetroReflectorDoesNotFlattenTheRest) {
   std::vector<float> values(1000);
   for (int i = 0; i < 1000; ++i) values[i] = static_cast<float>(i % 100);  // 0..99

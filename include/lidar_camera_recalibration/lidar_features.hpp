@@ -31,7 +31,8 @@ struct LidarFeatures {
   std::int32_t segment_count = 0;
 };
 
-/// k-NN PCA normals, oriented towards the sensor at the origin.
+/// k-NN PCA normals, oriented towards the sensor at the origin. Where the neighbours form a line, as those of one ring of a
+/// sparse LiDAR do, up to four times as many are taken.
 std::vector<Eigen::Vector3f> estimateNormals(const std::vector<Eigen::Vector3f>& points, int neighbours);
 
 /// Scales reflectivity by one factor, a high quantile instead of the maximum: a single retro-reflector must not flatten the rest.

@@ -25,6 +25,11 @@ using Indices = std::vector<int>;
 // plane through it.
 constexpr double kLineRatio = 1e-6;
 
+// Below this share the neighbours are likely from one ring of the LiDAR, and noise turns the plane around
+// that line: then more neighbours are taken, up to kMaxWidening times as many.
+constexpr double kRingRatio = 0.02;
+constexpr int kMaxWidening = 4;
+
 // RANSAC stops when it has missed no better plane with this probability, or after this many samples. The
 // bound means that planes far below a tenth of the points may be missed; these become clusters.
 constexpr double kRansacProbability = 0.99;
@@ -41,10 +46,14 @@ PclCloud::Ptr toPcl(const std::vector<Eigen::Vector3f>& points) {
   return cloud;
 }
 
-// Direction of least variance. The neighbours are centred before they are multiplied, so that the distance
-// from the origin costs no digits.
-Eigen::Vector3d planeNormal(const std::vector<Eigen::Vector3f>& points, const Indices& neighbours) {
-  if (neighbours.size() < 3) return Eigen::Vector3d::Zero();
+struct PlaneFit {
+  Eigen::Vector3d normal;
+  double elongation;  // second principal variance over the first one; 0 = a line, 1 = as wide as long
+};
+
+// The normal is the direction of least variance. The neighbours are centred before they are multiplied, so
+// that the distance from the origin costs no digits.
+PlaneFit fitPlane(const std::vector<Eigen::Vector3f>& points, const Indices& neighbours) {
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   for (const int i : neighbours) mean += points[i].cast<double>();
   mean /= static_cast<double>(neighbours.size());
@@ -57,8 +66,8 @@ Eigen::Vector3d planeNormal(const std::vector<Eigen::Vector3f>& points, const In
   Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
   solver.computeDirect(covariance);
   const Eigen::Vector3d variances = solver.eigenvalues();  // ascending
-  if (!(variances[1] > kLineRatio * variances[2])) return Eigen::Vector3d::Zero();
-  return solver.eigenvectors().col(0);
+  if (!(variances[1] > kLineRatio * variances[2])) return {Eigen::Vector3d::Zero(), 0.0};
+  return {solver.eigenvectors().col(0), variances[1] / variances[2]};
 }
 
 // Finds the largest plane among `candidates`. Only points whose normals agree support it: without normals, a
@@ -74,11 +83,11 @@ std::vector<float> findPlane(const PclCloud::Ptr& cloud, const PclNormals::Ptr& 
   pcl::SACSegmentationFromNormals<pcl::PointXYZ, pcl::Normal> ransac;  // its seed is fixed
   ransac.setModelType(pcl::SACMODEL_NORMAL_PLANE);
   ransac.setMethodType(pcl::SAC_RANSAC);
-  ransac.setDistanceThreshold(config.plane_distance);
-  // The distance of a point becomes (1 - w) * metres + w * radians; at 60 deg nothing is left of the
-  // threshold.
-  const double angle_scale = config.plane_distance / kMaxNormalAngle;
-  ransac.setNormalDistanceWeight(angle_scale / (1.0 + angle_scale));
+  // PCL's limit is on (1 - w) * metres + w * radians. These values make it metres + s * radians <=
+  // plane_distance.
+  const double s = config.plane_distance / kMaxNormalAngle;
+  ransac.setNormalDistanceWeight(s / (1.0 + s));
+  ransac.setDistanceThreshold(config.plane_distance / (1.0 + s));
   ransac.setProbability(kRansacProbability);
   ransac.setMaxIterations(kRansacMaxIterations);
   ransac.setOptimizeCoefficients(true);
@@ -169,15 +178,21 @@ std::vector<Eigen::Vector3f> estimateNormals(const std::vector<Eigen::Vector3f>&
   const PclCloud::Ptr cloud = toPcl(points);
   pcl::KdTreeFLANN<pcl::PointXYZ> tree(false);
   tree.setInputCloud(cloud);
-  const int count = std::min<int>(neighbours, static_cast<int>(points.size()));
 
   Indices nearest;
   std::vector<float> squared_distances;
-  for (std::size_t i = 0; i < points.size(); ++i) {
+  const auto fit = [&](std::size_t i, int wanted) {
+    const int count = std::min(wanted, static_cast<int>(points.size()));
     tree.nearestKSearch(cloud->points[i], count, nearest, squared_distances);
-    Eigen::Vector3d normal = planeNormal(points, nearest);
-    if (normal.dot(points[i].cast<double>()) > 0.0) normal = -normal;
-    normals[i] = normal.cast<float>();
+    return fitPlane(points, nearest);
+  };
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    PlaneFit plane = fit(i, neighbours);
+    for (int wider = 2; wider <= kMaxWidening && plane.elongation < kRingRatio; wider *= 2) {
+      plane = fit(i, wider * neighbours);
+    }
+    if (plane.normal.dot(points[i].cast<double>()) > 0.0) plane.normal = -plane.normal;
+    normals[i] = plane.normal.cast<float>();
   }
   return normals;
 }

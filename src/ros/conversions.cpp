@@ -40,8 +40,11 @@ std::string nameOf(const char* kind, const Message& message) {
   return text(kind, " of frame '", message.header.frame_id, "'");
 }
 
-// --- PointCloud2
-// -------------------------------------------------------------------------------------------------
+bool isHostOrder(std::uint8_t is_bigendian) {
+  return (is_bigendian != 0) == (boost::endian::order::native == boost::endian::order::big);
+}
+
+// --- PointCloud2 ---
 
 using Reader = double (*)(const std::uint8_t* bytes, bool swap);
 
@@ -113,8 +116,7 @@ Column columnOf(const sensor_msgs::PointCloud2& message, const sensor_msgs::Poin
                                          " bytes exceeds the point_step of ", message.point_step,
                                          "; the driver fills the message wrongly"));
   }
-  const bool host_is_bigendian = boost::endian::order::native == boost::endian::order::big;
-  return {field.offset, datatype->read, (message.is_bigendian != 0) != host_is_bigendian};
+  return {field.offset, datatype->read, !isHostOrder(message.is_bigendian)};
 }
 
 Column requiredColumn(const sensor_msgs::PointCloud2& message, const std::string& name) {
@@ -175,8 +177,7 @@ void checkLayout(const sensor_msgs::PointCloud2& message) {
 // Also sorts out doubles too large for a float.
 bool finiteFloat(double value) { return std::abs(value) <= std::numeric_limits<float>::max(); }
 
-// --- CameraInfo
-// --------------------------------------------------------------------------------------------------
+// --- CameraInfo ---
 
 // Region of interest, then binning, as image_geometry applies them: sensor_msgs/CameraInfo gives intrinsics
 // and size of the full sensor.
@@ -247,8 +248,7 @@ void readDistortion(const sensor_msgs::CameraInfo& message, Intrinsics& intrinsi
   if (intrinsics.model != DistortionModel::kNone) intrinsics.distortion = message.D;
 }
 
-// --- Images
-// ------------------------------------------------------------------------------------------------------
+// --- Images ---
 
 // cv_bridge multiplies in 32 bits and trusts the header, so it gets only what passed here.
 void checkLayout(const sensor_msgs::Image& message, const char* kind, std::size_t channels,
@@ -268,6 +268,20 @@ void checkLayout(const sensor_msgs::Image& message, const char* kind, std::size_
                 text(where, ": ", message.data.size(), " bytes of data instead of step ", message.step,
                      " times height ", message.height, "; the message is truncated or filled wrongly"));
   }
+}
+
+// The pixels, in the byte order of this machine: shares the message's memory or, with the other order, is a
+// copy. cv_bridge's own swapping of bytes returns an image of the wrong type.
+cv::Mat pixelsOf(const sensor_msgs::Image& message, int type) {
+  const cv::Mat shared(static_cast<int>(message.height), static_cast<int>(message.width), type,
+                       const_cast<std::uint8_t*>(message.data.data()), message.step);
+  const std::size_t channel_bytes = shared.elemSize1();
+  if (channel_bytes == 1 || isHostOrder(message.is_bigendian)) return shared;
+  cv::Mat swapped = shared.clone();
+  for (std::uint8_t* at = swapped.data; at != swapped.dataend; at += channel_bytes) {
+    std::reverse(at, at + channel_bytes);
+  }
+  return swapped;
 }
 
 // Encodings that only tell the memory layout are taken for the usual ones.
@@ -326,8 +340,7 @@ std::optional<MaskEncoding> parseMaskEncoding(const std::string& encoding) {
   return std::nullopt;
 }
 
-// --- CompressedImage
-// ---------------------------------------------------------------------------------------------
+// --- CompressedImage ---
 
 std::size_t bigEndian16(const std::vector<std::uint8_t>& data, std::size_t at) {
   return std::size_t{data[at]} << 8 | data[at + 1];
@@ -453,11 +466,10 @@ cv::Mat toBgr(const sensor_msgs::Image& message) {
   checkLayout(message, "image", static_cast<std::size_t>(channels), static_cast<std::size_t>(bits / 8),
               ErrorCause::kImage);
   try {
-    const auto shared = cv_bridge::toCvShare(message, boost::shared_ptr<void const>());
-    const bool scale = shared->image.depth() == CV_16U;
-    const auto source =
-        boost::make_shared<cv_bridge::CvImage>(message.header, scale ? encodingWith8Bits(encoding) : encoding,
-                                               scale ? to8Bit(shared->image) : shared->image);
+    const cv::Mat pixels = pixelsOf(message, cv_bridge::getCvType(encoding));
+    const bool scale = pixels.depth() == CV_16U;
+    const auto source = boost::make_shared<cv_bridge::CvImage>(
+        message.header, scale ? encodingWith8Bits(encoding) : encoding, scale ? to8Bit(pixels) : pixels);
     return cv_bridge::cvtColor(source, encodings::BGR8)->image.clone();
   } catch (const std::exception& error) {
     throw Error(ErrorCause::kImage, text(nameOf("image", message), " with encoding '", message.encoding,
@@ -472,12 +484,9 @@ std::vector<cv::Mat> toMaskLayers(const sensor_msgs::Image& message) {
                                          "' is none of masks; use mono8, mono16, 8UCn, 16UCn or 32SC1"));
   }
   checkLayout(message, "mask image", encoding->channels, encoding->channel_bytes, ErrorCause::kMasks);
+  const int depth = encoding->channel_bytes == 1 ? CV_8U : encoding->channel_bytes == 2 ? CV_16U : CV_32S;
   std::vector<cv::Mat> layers;
-  try {
-    cv::split(cv_bridge::toCvShare(message, boost::shared_ptr<void const>())->image, layers);
-  } catch (const std::exception& error) {
-    throw Error(ErrorCause::kMasks, text(nameOf("mask image", message), ": ", error.what()));
-  }
+  cv::split(pixelsOf(message, CV_MAKETYPE(depth, static_cast<int>(encoding->channels))), layers);
   for (cv::Mat& layer : layers) layer.convertTo(layer, CV_32S);
   double smallest = 0.0;
   cv::minMaxLoc(layers.front(), &smallest);

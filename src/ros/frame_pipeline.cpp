@@ -81,7 +81,7 @@ FramePtr FramePipeline::prepare(const FrameMessages& messages, const Eigen::Isom
 
 void FramePipeline::score(const FrameMessages& messages, const FramePtr& frame,
                           const Eigen::Isometry3d& extrinsic) {
-  const auto evaluator = objective_->evaluator({frame});
+  const auto evaluator = objective_->evaluator({frame}, {});
   const Score score = (*evaluator)(extrinsic);
   CalibrationScore message =
       scoreMessage(messages.image->header, score, validityIndex(*evaluator, extrinsic));

@@ -169,7 +169,8 @@ std::string initialExtrinsicText(const ServerConfig& config) {
   if (!config.initial_T_camera_lidar) return "[]";
   const Eigen::IOFormat format(10, Eigen::DontAlignCols, ", ", ", ", "", "", "[", "]");
   std::ostringstream stream;
-  stream << config.initial_T_camera_lidar->matrix().format(format);
+  // Adding 0 turns -0 into 0.
+  stream << (config.initial_T_camera_lidar->matrix().array() + 0.0).matrix().format(format);
   return stream.str();
 }
 
@@ -282,6 +283,11 @@ void checkTogether(const ServerConfig& config) {
   if (config.frame.min_range >= config.frame.max_range) {
     refuse("parameter frame/min_range = " + toText(config.frame.min_range) +
            " must be less than frame/max_range = " + toText(config.frame.max_range));
+  }
+  if (config.frame.crop_margin_deg < config.calibrator.range.rotation_deg) {
+    refuse("parameter frame/crop_margin_deg = " + toText(config.frame.crop_margin_deg) +
+           " is less than search_range/rotation_deg = " + toText(config.calibrator.range.rotation_deg) +
+           "; points that the search needs would be cut away");
   }
   if (config.tf_correct_parent.empty() != config.tf_correct_child.empty()) {
     refuse("parameters tf/correct_parent = " + quoted(config.tf_correct_parent) + " and tf/correct_child = " +

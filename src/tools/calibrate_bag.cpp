@@ -1,1 +1,392 @@
-int main() {}
+// Recalibrates from bags: the node's server, fed as fast as it can work.
+
+#include <ros/time.h>
+#include <rosbag/view.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/PointCloud2.h>
+#include <tf2/buffer_core.h>
+#include <tf2_eigen/tf2_eigen.h>
+#include <tf2_msgs/TFMessage.h>
+#include <yaml-cpp/yaml.h>
+
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <iostream>
+#include <mutex>
+#include <opencv2/imgcodecs.hpp>
+#include <optional>
+
+#include "bag_topics.hpp"
+#include "command_line.hpp"
+#include "frame_builder.hpp"
+#include "lidar_camera_recalibration/error.hpp"
+#include "lidar_camera_recalibration/overlay.hpp"
+#include "lidar_camera_recalibration/result_file.hpp"
+#include "parameters.hpp"
+#include "server.hpp"
+
+namespace lidar_camera_recalibration {
+
+namespace po = boost::program_options;
+
+namespace {
+
+struct Options {
+  std::vector<std::string> bags, assignments;
+  std::string config, out, overlay, json, reference, initial, camera_frame, lidar_frame;
+  InputTopics topics;
+  int min_frames = 0;  ///< 0: as the parameters say
+};
+
+using Bags = std::vector<std::unique_ptr<rosbag::Bag>>;
+
+ServerConfig serverConfig(const Options& options) {
+  ServerConfig config = loadServerConfig(options.config, options.assignments);
+  config.mode = "on_request";
+  // An offline run depends on what it is given and on nothing left from runs before.
+  config.initial_from_saved = false;
+  config.result_file.clear();
+  if (!options.initial.empty())
+    config.initial_T_camera_lidar = readCalibration(options.initial).T_camera_lidar;
+  if (!options.camera_frame.empty()) config.camera_frame = options.camera_frame;
+  if (!options.lidar_frame.empty()) config.lidar_frame = options.lidar_frame;
+  if (options.min_frames > 0) {
+    config.frames_min = options.min_frames;
+    config.frames_max = std::max(config.frames_max, options.min_frames);
+  }
+  return config;
+}
+
+InputTopics inputTopics(const Bags& bags, const Options& options) {
+  const std::vector<BagTopic> present = topicsOf(bags);
+  const InputTopics topics = guessTopics(present, options.topics);
+  std::string list;
+  for (const BagTopic& topic : present) list += "\n  " + topic.name + "  " + topic.type;
+  const auto require = [&](const std::string& topic, const std::string& option) {
+    const auto named = [&topic](const BagTopic& candidate) {
+      return candidate.name == topic && candidate.count > 0;
+    };
+    if (std::any_of(present.begin(), present.end(), named)) return;
+    throw Error(ErrorCause::kFile,
+                (topic.empty() ? "no topic fits --" + option : "there are no messages on " + topic) +
+                    "; name the topic with --" + option + ". The topics are:" + list);
+  };
+  require(topics.image, "image");
+  require(topics.camera_info, "camera-info");
+  require(topics.points, "points");
+  require(topics.masks, "masks");
+  std::cerr << "image " << topics.image << ", camera_info " << topics.camera_info << ", points "
+            << topics.points << ", masks " << topics.masks << '\n';
+  return topics;
+}
+
+void addTo(tf2::BufferCore& tf, const rosbag::MessageInstance& message, bool is_static) {
+  const auto transforms = message.instantiate<tf2_msgs::TFMessage>();
+  if (!transforms) return;
+  for (const auto& transform : transforms->transforms) tf.setTransform(transform, "bag", is_static);
+}
+
+/// Transforms of the bags: the static ones at once, the others a little ahead of the messages that need them.
+class TfReader {
+ public:
+  TfReader(const Bags& bags, tf2::BufferCore& tf) : tf_(tf) {
+    rosbag::View fixed;
+    for (const auto& bag : bags) {
+      fixed.addQuery(*bag, rosbag::TopicQuery("/tf_static"));
+      moving_.addQuery(*bag, rosbag::TopicQuery("/tf"));
+    }
+    for (const rosbag::MessageInstance& message : fixed) addTo(tf_, message, true);
+    next_ = moving_.begin();
+  }
+
+  void advanceTo(const ros::Time& recorded) {
+    constexpr double kAhead = 1.0;  // [s]
+    for (; next_ != moving_.end() && next_->getTime().toSec() <= recorded.toSec() + kAhead; ++next_) {
+      addTo(tf_, *next_, false);
+    }
+  }
+
+ private:
+  tf2::BufferCore& tf_;
+  rosbag::View moving_;
+  rosbag::View::iterator next_;
+};
+
+/// Puts the bags' messages into the server, and remembers those of the newest frame that it kept.
+class Feeder {
+ public:
+  Feeder(const Bags& bags, const InputTopics& topics, const ServerConfig& config, tf2::BufferCore& tf)
+      : topics_(topics), tf_reader_(bags, tf), frames_(config.synchroniser) {
+    for (const auto& bag : bags) {
+      view_.addQuery(*bag,
+                     rosbag::TopicQuery({topics.image, topics.camera_info, topics.points, topics.masks}));
+    }
+  }
+
+  /// Called by the server.
+  void frameScored(const CalibrationScore& score) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (score.used) used_stamp_ = score.header.stamp;
+  }
+
+  void run(RecalibrationServer& server, ProgressBar& progress) {
+    const double begin = view_.getBeginTime().toSec(), length = view_.getEndTime().toSec() - begin;
+    for (const rosbag::MessageInstance& message : view_) {
+      tf_reader_.advanceTo(message.getTime());
+      feed(server, message);
+      // The server's queue drops what it cannot take; here there is time.
+      server.waitUntilIdle();
+      keepNewest();
+      if (length > 0.0) progress.show("reading", (message.getTime().toSec() - begin) / length);
+    }
+    progress.show("reading", 1.0);
+  }
+
+  const std::optional<FrameMessages>& newest() const { return newest_; }
+
+ private:
+  void feed(RecalibrationServer& server, const rosbag::MessageInstance& message) {
+    const std::string& topic = message.getTopic();
+    if (topic == topics_.image || topic == topics_.masks) {
+      const sensor_msgs::ImageConstPtr image = decoded(message);
+      if (!image) return;
+      if (topic == topics_.image) {
+        server.addImage(image);
+        frames_.addImage(image);
+      } else {
+        server.addMasks(image);
+        frames_.addMasks(image);
+      }
+    } else if (const auto info = message.instantiate<sensor_msgs::CameraInfo>()) {
+      server.addCameraInfo(info);
+      frames_.addCameraInfo(info);
+    } else if (const auto cloud = message.instantiate<sensor_msgs::PointCloud2>()) {
+      server.addCloud(cloud);
+      frames_.addCloud(cloud);
+    }
+  }
+
+  /// One unreadable image is no reason to stop, but one to speak.
+  static sensor_msgs::ImageConstPtr decoded(const rosbag::MessageInstance& message) {
+    try {
+      return imageFrom(message);
+    } catch (const Error& error) {
+      std::cerr << message.getTopic() << ": " << error.what() << '\n';
+      return nullptr;
+    }
+  }
+
+  void keepNewest() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    while (const auto frame = frames_.next()) {
+      if (frame->image->header.stamp == used_stamp_) newest_ = frame;
+    }
+  }
+
+  InputTopics topics_;
+  TfReader tf_reader_;
+  FrameSynchroniser frames_;
+  rosbag::View view_;
+  std::mutex mutex_;
+  ros::Time used_stamp_;
+  std::optional<FrameMessages> newest_;
+};
+
+std::string droppedByCause(const RecalibrationState& state) {
+  const std::vector<std::pair<const char*, std::uint64_t>> causes = {
+      {"without partner within the stamp gap", state.dropped_unmatched},
+      {"without masks in time", state.dropped_no_masks},
+      {"masks of unknown images", state.dropped_unknown_masks},
+      {"malformed", state.dropped_invalid},
+      {"too poor", state.dropped_poor},
+      {"without initial extrinsic", state.dropped_no_extrinsic},
+      {"for lack of memory", state.dropped_memory}};
+  std::string text;
+  for (const auto& [cause, count] : causes) {
+    if (count > 0) text += (text.empty() ? "" : ", ") + std::to_string(count) + " " + cause;
+  }
+  return text.empty() ? "nothing" : text;
+}
+
+CalibrationResult calibrateFrames(RecalibrationServer& server, const ServerConfig& config) {
+  const RecalibrationState state = server.state();
+  if (state.frames < static_cast<std::uint32_t>(config.frames_min)) {
+    throw Error(ErrorCause::kNotEnough,
+                "only " + std::to_string(state.frames) + " of " + std::to_string(config.frames_min) +
+                    " frames could be gathered; given up: " + droppedByCause(state) + ". " + state.text +
+                    ". check_bag tells what does not fit, --min-frames asks for fewer");
+  }
+  Recalibrate::Request request;
+  request.wait = true;
+  request.timeout = 1e6;  // [s]; a batch run ends when the search does
+  const Recalibrate::Response response = server.recalibrate(request);
+  if (!response.success) throw Error(ErrorCause::kNotEnough, response.message);
+  return response.result;
+}
+
+// --- output
+// -----------------------------------------------------------------------------------------------------
+
+Eigen::Isometry3d isometry(const geometry_msgs::TransformStamped& transform) {
+  return Eigen::Isometry3d(tf2::transformToEigen(transform).matrix());
+}
+
+StoredCalibration stored(const CalibrationResult& result, const Options& options) {
+  StoredCalibration calibration;
+  calibration.T_camera_lidar = isometry(result.transform);
+  calibration.camera_frame = result.transform.header.frame_id;
+  calibration.lidar_frame = result.transform.child_frame_id;
+  if (result.covariance[0] >= 0.0) {
+    calibration.covariance =
+        Eigen::Map<const Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>(result.covariance.data());
+  }
+  calibration.score_before = result.score_before;
+  calibration.score_after = result.score_after;
+  calibration.accepted = result.accepted;
+  calibration.reason = result.reason;
+  calibration.frames = result.frames;
+  calibration.stamp = result.header.stamp.toSec();
+  for (const std::string& bag : options.bags)
+    calibration.source += (calibration.source.empty() ? "" : " ") + bag;
+  return calibration;
+}
+
+void printError(const char* label, const ExtrinsicError& error) {
+  const Eigen::Vector3d rotation = error.rotation / kDegree, translation = 100.0 * error.translation;
+  std::printf("error %-7s %.3f deg (%+.3f %+.3f %+.3f)   %.1f cm (%+.1f %+.1f %+.1f)\n", label,
+              error.angle() / kDegree, rotation.x(), rotation.y(), rotation.z(), 100.0 * error.distance(),
+              translation.x(), translation.y(), translation.z());
+}
+
+void print(const CalibrationResult& result, const std::optional<Eigen::Isometry3d>& reference) {
+  std::printf("%s: %s\n", result.accepted ? "accepted" : "rejected", result.reason.c_str());
+  std::printf("score %.4f -> %.4f, validity %.2f, better on %.0f %% of %u frames\n", result.score_before,
+              result.score_after, result.validity, 100.0 * result.frame_agreement, result.frames);
+  std::printf("image shift at 10, 20, 40 m: %.1f, %.1f, %.1f px; %u extrinsics scored in %.1f s\n",
+              result.pixel_shift[0], result.pixel_shift[1], result.pixel_shift[2], result.evaluations,
+              result.duration);
+  if (!reference) return;
+  printError("before", extrinsicError(isometry(result.start), *reference));
+  printError("after", extrinsicError(isometry(result.transform), *reference));
+}
+
+std::string toJson(const CalibrationResult& result, const std::optional<Eigen::Isometry3d>& reference,
+                   double seconds) {
+  YAML::Emitter out;
+  useJson(out);
+  const auto put = [&out](const char* key, const auto& value) {
+    out << YAML::Key << key << YAML::Value << value;
+  };
+  out << YAML::BeginMap;
+  put("accepted", result.accepted);
+  put("reason", result.reason);
+  put("frames", result.frames);
+  put("evaluations", result.evaluations);
+  put("score_before", result.score_before);
+  put("score_after", result.score_after);
+  put("validity", result.validity);
+  put("frame_agreement", result.frame_agreement);
+  put("pixel_shift", std::vector<double>(result.pixel_shift.begin(), result.pixel_shift.end()));
+  const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> matrix = isometry(result.transform).matrix();
+  put("T_camera_lidar", std::vector<double>(matrix.data(), matrix.data() + 16));
+  if (reference) {
+    const ExtrinsicError before = extrinsicError(isometry(result.start), *reference);
+    const ExtrinsicError after = extrinsicError(isometry(result.transform), *reference);
+    put("rotation_error_before_deg", before.angle() / kDegree);
+    put("rotation_error_after_deg", after.angle() / kDegree);
+    put("translation_error_before_m", before.distance());
+    put("translation_error_after_m", after.distance());
+  }
+  put("search_seconds", result.duration);
+  put("seconds", seconds);
+  out << YAML::EndMap;
+  return out.c_str();
+}
+
+void writeOverlay(const std::string& file, const FrameMessages& messages, const CalibrationResult& result,
+                  const ServerConfig& config) {
+  const FrameInputs inputs = readMessages(messages, config);
+  const Eigen::Isometry3d before = isometry(result.start), after = isometry(result.transform);
+  const FramePtr frame = makeFrame(messages.image->header.stamp.toSec(), inputs.camera, inputs.image,
+                                   inputs.layers, inputs.cloud, after, config.frame);
+  bool written = false;
+  try {
+    written = cv::imwrite(file, drawBeforeAfter(*frame, before, after, config.overlay_color));
+  } catch (const cv::Exception& error) {
+    throw Error(ErrorCause::kFile, "\"" + file + "\" cannot be written: " + error.what());
+  }
+  if (!written) throw Error(ErrorCause::kFile, "\"" + file + "\" cannot be written");
+  std::cout << "overlay: " << file << '\n';
+}
+
+int calibrateBags(const Options& options) {
+  const auto begin = std::chrono::steady_clock::now();
+  ros::Time::init();
+  const ServerConfig config = serverConfig(options);
+  std::optional<Eigen::Isometry3d> reference;
+  if (!options.reference.empty()) reference = readCalibration(options.reference).T_camera_lidar;
+  const Bags bags = openBags(options.bags);
+  const InputTopics topics = inputTopics(bags, options);
+
+  // Masks come late, and the transform is looked up at the stamp of their image.
+  tf2::BufferCore tf(ros::Duration(2.0 * config.synchroniser.mask_timeout + 10.0));
+  Feeder feeder(bags, topics, config, tf);
+  ProgressBar progress;
+  ServerOutputs outputs;
+  outputs.score = [&feeder](const CalibrationScore& score) { feeder.frameScored(score); };
+  outputs.state = [&progress](const RecalibrationState& state) {
+    if (state.state == RecalibrationState::SEARCHING) progress.show("searching", state.progress);
+  };
+  RecalibrationServer server(config, tf, "calibrate_bag", outputs);
+  feeder.run(server, progress);
+  const CalibrationResult result = calibrateFrames(server, config);
+  progress.finish();
+
+  print(result, reference);
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  if (!options.out.empty()) {
+    writeCalibration(options.out, stored(result, options));
+    std::cout << "result: " << options.out << (result.accepted ? "" : " (says that it was rejected)") << '\n';
+  }
+  if (!options.json.empty()) writeFileAtomically(options.json, toJson(result, reference, seconds) + "\n");
+  if (!options.overlay.empty() && feeder.newest())
+    writeOverlay(options.overlay, *feeder.newest(), result, config);
+  return result.accepted ? kExitOk : kExitRejected;
+}
+
+}  // namespace
+
+int calibrateBagMain(int argc, char** argv) {
+  Options options;
+  CommandLine line{"calibrate_bag BAG... [options]",
+                   "Finds the extrinsic between camera and LiDAR from a recording with images, CameraInfo, "
+                   "clouds, masks and\n"
+                   "tf. Several bags are taken as one recording. The start is --initial, else the parameter "
+                   "initial guess of\n"
+                   "--config, else tf. Exit status 0: accepted, 3: rejected, 1: the input cannot be used, 2: "
+                   "wrong options.",
+                   po::options_description("Options"), "bag"};
+  line.options.add_options()("bag", po::value(&options.bags)->required()->composing()->value_name("BAG"),
+                             "the recording")("config", po::value(&options.config)->value_name("YAML"),
+                                              "parameters of the node (default: its defaults)")(
+      "set", po::value(&options.assignments)->composing()->value_name("NAME=VALUE"),
+      "one parameter, such as gate/min_gain=0.01; may be repeated")(
+      "out", po::value(&options.out)->value_name("YAML"),
+      "the result, also a rejected one: it says so inside")(
+      "overlay", po::value(&options.overlay)->value_name("PNG"), "the newest frame before and after")(
+      "json", po::value(&options.json)->value_name("FILE"), "summary for scripts")(
+      "reference", po::value(&options.reference)->value_name("YAML"), "an extrinsic to compare with")(
+      "initial", po::value(&options.initial)->value_name("YAML"), "the extrinsic to start from")(
+      "camera-frame", po::value(&options.camera_frame)->value_name("FRAME"),
+      "optical frame (default: the image's)")(
+      "lidar-frame", po::value(&options.lidar_frame)->value_name("FRAME"), "default: the cloud's")(
+      "min-frames", atLeast(1, &options.min_frames, "min-frames")->value_name("N"),
+      "default: the parameter frames/min");
+  addTopicOptions(line.options, options.topics);
+  return runTool(argc, argv, line, [&options](const po::variables_map&) { return calibrateBags(options); });
+}
+
+}  // namespace lidar_camera_recalibration
+
+int main(int argc, char** argv) { return lidar_camera_recalibration::calibrateBagMain(argc, argv); }

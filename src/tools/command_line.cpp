@@ -2,6 +2,7 @@
 
 #include <rosbag/exceptions.h>
 #include <unistd.h>
+#include <yaml-cpp/yaml.h>
 
 #include <algorithm>
 #include <cstdio>
@@ -70,6 +71,13 @@ int runTool(int argc, char** argv, const CommandLine& command_line,
     std::cerr << error.what() << '\n';
   }
   return kExitInput;
+}
+
+void useJson(YAML::Emitter& out) {
+  out.SetStringFormat(YAML::DoubleQuoted);
+  out.SetMapFormat(YAML::Flow);
+  out.SetSeqFormat(YAML::Flow);
+  out.SetDoublePrecision(9);
 }
 
 void ProgressBar::show(const std::string& label, double fraction) {

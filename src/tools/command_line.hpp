@@ -6,6 +6,10 @@
 #include <sstream>
 #include <string>
 
+namespace YAML {
+class Emitter;
+}
+
 namespace lidar_camera_recalibration {
 
 // Exit statuses of all tools.
@@ -40,6 +44,9 @@ boost::program_options::typed_value<T>* atLeast(T minimum, T* target, const std:
     *target = value;
   });
 }
+
+/// Makes the emitter write JSON: flow maps with quoted strings are both. Numbers must be finite.
+void useJson(YAML::Emitter& out);
 
 /// A progress bar on stderr; a line for each tenth if stderr is no terminal.
 class ProgressBar {

@@ -4,6 +4,7 @@
 #include <pcl/io/pcd_io.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
@@ -108,19 +109,44 @@ FieldReader firstFieldReader(const pcl::PCLPointCloud2& cloud, const std::vector
 
 bool usable(const Eigen::Vector3f& point) { return point.allFinite() && !point.isZero(0.0F); }
 
+/// PCL's reader believes the header and crashes where the file does not hold what it promises.
+void checkPcdHeader(const fs::path& file, std::uintmax_t size) {
+  pcl::PCLPointCloud2 header;
+  Eigen::Vector4f origin;
+  Eigen::Quaternionf orientation;
+  int version = 0, data_type = 0;
+  unsigned int data_begin = 0;
+  const int status =
+      pcl::PCDReader().readHeader(file.string(), header, origin, orientation, version, data_type, data_begin);
+  const std::uintmax_t points = std::uintmax_t(header.width) * header.height;
+  if (status != 0 || points == 0 || header.fields.empty() || header.point_step == 0) {
+    refuse(file, "not a readable PCD file, or one without points");
+  }
+  if (points > kMaxPoints || header.point_step > 4096) {
+    refuse(file, "claims " + std::to_string(points) + " points of " + std::to_string(header.point_step) +
+                     " bytes, more than any sensor delivers");
+  }
+  constexpr int kBinary = 1, kCompressed = 2;
+  const std::uintmax_t bytes = points * header.point_step;
+  std::uintmax_t expected = data_type == kBinary ? bytes : 0;
+  if (data_type == kCompressed) {
+    std::array<std::uint32_t, 2> sizes = {0, 0};  // of the compressed data and of what they hold
+    std::ifstream stream(file, std::ios::binary);
+    stream.seekg(data_begin);
+    stream.read(reinterpret_cast<char*>(sizes.data()), sizeof sizes);
+    if (!stream || sizes[1] != bytes)
+      refuse(file, "its compressed data are not of the size that its header says");
+    expected = sizeof sizes + sizes[0];
+  }
+  if (data_begin + expected > size) refuse(file, "ends before the last point: cut short?");
+}
+
 pcl::PCLPointCloud2 loadPcd(const fs::path& file) {
-  checkedSize(file, kMaxCloudBytes);
+  const std::uintmax_t size = checkedSize(file, kMaxCloudBytes);
   pcl::PCLPointCloud2 cloud;
-  pcl::PCDReader reader;
   try {
-    // The header first: what it claims decides how much memory the body takes.
-    if (reader.readHeader(file.string(), cloud) != 0) refuse(file, "not a readable PCD file");
-    const std::size_t claimed = std::size_t(cloud.width) * cloud.height;
-    if (claimed > kMaxPoints || cloud.point_step > 4096) {
-      refuse(file, "claims " + std::to_string(claimed) + " points of " + std::to_string(cloud.point_step) +
-                       " bytes, more than any sensor delivers");
-    }
-    if (reader.read(file.string(), cloud) != 0) refuse(file, "not a readable PCD file");
+    checkPcdHeader(file, size);
+    if (pcl::PCDReader().read(file.string(), cloud) != 0) refuse(file, "not a readable PCD file");
   } catch (const Error&) {
     throw;
   } catch (const std::exception& error) {

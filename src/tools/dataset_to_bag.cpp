@@ -31,7 +31,7 @@ constexpr double kMaskDelay =
 
 struct Options {
   std::string folder, out, frames;
-  int every = 1, max = 0;  ///< max 0: all
+  int every = 1, max = 0;       ///< max 0: all
   std::vector<double> perturb;  ///< [deg], [m]
   std::uint64_t seed = 1;
   double rate = 0.0;
@@ -209,7 +209,7 @@ int convert(const Options& options) {
 
 }  // namespace
 
-int datasetToBag(int argc, char** argv) {
+int datasetToBagMain(int argc, char** argv) {
   Options options;
   CommandLine line{
       "dataset_to_bag FOLDER [options]",
@@ -243,4 +243,4 @@ int datasetToBag(int argc, char** argv) {
 
 }  // namespace lidar_camera_recalibration
 
-int main(int argc, char** argv) { return lidar_camera_recalibration::datasetToBag(argc, argv); }
+int main(int argc, char** argv) { return lidar_camera_recalibration::datasetToBagMain(argc, argv); }
