@@ -118,6 +118,7 @@ TEST(NodeletLifecycle, TakesCompressedImages) {
   ASSERT_TRUE(load(node, "/zipped/image", "/zipped/masks"));
   ASSERT_TRUE(
       RosRig::eventually([&] { return image.getNumSubscribers() > 0 && masks.getNumSubscribers() > 0; }));
+  ASSERT_TRUE(rig.connect(false));
   double stamp = 20000.0;
   EXPECT_TRUE(RosRig::eventually([&] {
     return rig
