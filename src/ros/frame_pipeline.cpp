@@ -109,7 +109,7 @@ void FramePipeline::publish(CalibrationScore message, const FrameMessages& messa
 
 /// With the score as title; after a result, if the parameters want that, the start above it.
 cv::Mat FramePipeline::overlay(const FramePtr& frame, const Eigen::Isometry3d& T_camera_lidar) const {
-  const auto evaluator = objective_->evaluator({frame});
+  const auto evaluator = objective_->evaluator({frame}, {});
   const auto draw = [&](const std::string& when, const Eigen::Isometry3d& extrinsic) {
     char title[96];
     std::snprintf(title, sizeof title, "%sscore %.4f, %zu frames held", when.c_str(),
