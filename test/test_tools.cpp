@@ -169,7 +169,7 @@ TEST(Perturbation, IsUniformOnEachAxis) {
 struct Parsed {
   int status = -1;
   std::vector<std::string> files;
-  std::vector<double> pair;
+  NumberPair pair;
   double number = 0.0;
 };
 
@@ -179,18 +179,19 @@ Parsed parse(std::vector<std::string> words) {
   std::vector<char*> arguments;
   for (std::string& word : words) arguments.push_back(word.data());
   arguments.push_back(nullptr);
-  CommandLine line{"tool", "Tests.", po::options_description("Options"), "file", {{"--pair", 2}}};
+  CommandLine line{"tool", "Tests.", po::options_description("Options"), "file", "--pair"};
   line.options.add_options()("file", po::value(&parsed.files)->required()->composing())(
-      "pair", po::value(&parsed.pair)->multitoken())("number", atLeast(-5.0, &parsed.number, "number"));
+      "pair", po::value(&parsed.pair))("number", atLeast(-5.0, &parsed.number, "number"));
   parsed.status = runTool(static_cast<int>(words.size()), arguments.data(), line,
                           [](const po::variables_map&) { return kExitOk; });
   return parsed;
 }
 
-TEST(Tool, OptionsOfSeveralWordsLeaveTheRest) {
+TEST(Tool, OptionsOfTwoWordsLeaveTheRest) {
   const Parsed parsed = parse({"--pair", "2", "-0.1", "a.bag", "--number", "-3", "b.bag"});
   EXPECT_EQ(parsed.status, kExitOk);
-  EXPECT_EQ(parsed.pair, (std::vector<double>{2.0, -0.1}));
+  EXPECT_EQ(parsed.pair.first, 2.0);
+  EXPECT_EQ(parsed.pair.second, -0.1);
   EXPECT_EQ(parsed.files, (std::vector<std::string>{"a.bag", "b.bag"}));
   EXPECT_EQ(parsed.number, -3.0);
 }
@@ -202,6 +203,7 @@ TEST(Tool, WrongUseIsTwo) {
   EXPECT_EQ(parse({"a", "--number", "-6"}).status, kExitUsage);  // below the limit
   EXPECT_EQ(parse({"a", "--number", "many"}).status, kExitUsage);
   EXPECT_EQ(parse({"a", "--pair", "1"}).status, kExitUsage);
+  EXPECT_EQ(parse({"--pair", "1", "a"}).status, kExitUsage);
   EXPECT_EQ(parse({"--help"}).status, kExitOk);
 }
 

@@ -260,7 +260,9 @@ void printError(const char* label, const ExtrinsicError& error) {
 }
 
 void print(const CalibrationResult& result, const std::optional<Eigen::Isometry3d>& reference) {
-  std::printf("%s: %s\n", result.accepted ? "accepted" : "rejected", result.reason.c_str());
+  const std::string verdict = result.accepted ? "accepted" : "rejected";
+  const bool said = result.reason.rfind(verdict, 0) == 0;
+  std::printf("%s\n", said ? result.reason.c_str() : (verdict + ": " + result.reason).c_str());
   std::printf("score %.4f -> %.4f, validity %.2f, better on %.0f %% of %u frames\n", result.score_before,
               result.score_after, result.validity, 100.0 * result.frame_agreement, result.frames);
   std::printf("image shift at 10, 20, 40 m: %.1f, %.1f, %.1f px; %u extrinsics scored in %.1f s\n",
@@ -279,7 +281,7 @@ std::string toJson(const CalibrationResult& result, const std::optional<Eigen::I
     out << YAML::Key << key << YAML::Value << value;
   };
   out << YAML::BeginMap;
-  put("accepted", result.accepted);
+  put("accepted", result.accepted != 0);
   put("reason", result.reason);
   put("frames", result.frames);
   put("evaluations", result.evaluations);

@@ -20,16 +20,13 @@ po::variables_map parse(int argc, char** argv, const CommandLine& command_line,
                         const po::options_description& options) {
   po::positional_options_description positional;
   positional.add(command_line.positional.c_str(), -1);
-  const auto several_words = [&command_line](std::vector<std::string>& arguments) {
+  // The library would give an option of several words all words up to the next option, files included.
+  const auto join_pair = [&command_line](std::vector<std::string>& arguments) {
     std::vector<po::option> result;
-    const auto found = command_line.words.find(arguments.front());
-    if (found == command_line.words.end()) return result;
-    if (arguments.size() <= found->second) {
-      throw po::error(found->first + " takes " + std::to_string(found->second) + " values");
-    }
-    const auto end = arguments.begin() + 1 + static_cast<std::ptrdiff_t>(found->second);
-    result.emplace_back(found->first.substr(2), std::vector<std::string>(arguments.begin() + 1, end));
-    arguments.erase(arguments.begin(), end);
+    if (arguments.front() != command_line.pair_option) return result;
+    if (arguments.size() < 3) throw po::error(command_line.pair_option + " takes two numbers");
+    result.emplace_back(arguments[0].substr(2), std::vector<std::string>{arguments[1] + "," + arguments[2]});
+    arguments.erase(arguments.begin(), arguments.begin() + 3);
     return result;
   };
   // Long options only, not abbreviated: so a negative number is a value, and scripts stay valid.
@@ -39,13 +36,19 @@ po::variables_map parse(int argc, char** argv, const CommandLine& command_line,
                 .options(options)
                 .positional(positional)
                 .style(style::allow_long | style::long_allow_adjacent | style::long_allow_next)
-                .extra_style_parser(several_words)
+                .extra_style_parser(join_pair)
                 .run(),
             values);
   return values;
 }
 
 }  // namespace
+
+std::istream& operator>>(std::istream& in, NumberPair& pair) {
+  char comma = 0;
+  if (in >> pair.first >> comma >> pair.second && comma != ',') in.setstate(std::ios::failbit);
+  return in;
+}
 
 int runTool(int argc, char** argv, const CommandLine& command_line,
             const std::function<int(const po::variables_map&)>& body) {

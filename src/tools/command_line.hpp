@@ -2,7 +2,7 @@
 
 #include <boost/program_options.hpp>
 #include <functional>
-#include <map>
+#include <istream>
 #include <sstream>
 #include <string>
 
@@ -18,13 +18,18 @@ constexpr int kExitInput = 1;     ///< the input cannot be used
 constexpr int kExitUsage = 2;     ///< the command line is wrong
 constexpr int kExitRejected = 3;  ///< calibrate_bag: a result, but not accepted
 
+/// Value of an option with two numbers.
+struct NumberPair {
+  double first = 0.0, second = 0.0;
+};
+std::istream& operator>>(std::istream& in, NumberPair& pair);
+
 struct CommandLine {
   std::string usage;    ///< "tool FILE [options]"
   std::string purpose;  ///< a few sentences
   boost::program_options::options_description options;
-  std::string positional;  ///< option that takes the words without a name
-  /// Options of several words: without the number of words they would swallow what follows them.
-  std::map<std::string, std::size_t> words = {};
+  std::string positional;        ///< option that takes the words without a name
+  std::string pair_option = "";  ///< `--name` of an option that takes a NumberPair as two words
 };
 
 /// Parses, answers --help, runs the body and turns whatever it throws into a message and an exit status.

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <iostream>
+#include <optional>
 #include <sstream>
 
 #include "command_line.hpp"
@@ -31,8 +32,8 @@ constexpr double kMaskDelay =
 
 struct Options {
   std::string folder, out, frames;
-  int every = 1, max = 0;       ///< max 0: all
-  std::vector<double> perturb;  ///< [deg], [m]
+  int every = 1, max = 0;             ///< max 0: all
+  std::optional<NumberPair> perturb;  ///< [deg], [m]
   std::uint64_t seed = 1;
   double rate = 0.0;
   bool lz4 = false;
@@ -190,8 +191,8 @@ int convert(const Options& options) {
     if (options.rate > 0.0) stamp = dataset->stamp(frames[0]) + double(i) / options.rate;
     if (i == 0 && dataset->reference()) {
       Eigen::Isometry3d guess = *dataset->reference();
-      if (!options.perturb.empty()) {
-        guess = perturbedBy(guess, options.perturb[0] * kDegree, options.perturb[1], options.seed);
+      if (options.perturb) {
+        guess = perturbedBy(guess, options.perturb->first * kDegree, options.perturb->second, options.seed);
       }
       writeStaticTransform(bag, ros::Time(stamp), guess);
     }
@@ -217,24 +218,25 @@ int datasetToBagMain(int argc, char** argv) {
       "/tf_static\n"
       "from a dataset in CalibAnything's layout, a KITTI raw drive (..._sync) or a KITTI odometry sequence,\n"
       "and the dataset's extrinsic as reference to BAG-without-.bag.truth.yaml.",
-      po::options_description("Options"),
-      "folder",
-      {{"--perturb", 2}}};
+      po::options_description("Options"), "folder", "--perturb"};
   line.options.add_options()("folder", po::value(&options.folder)->required()->value_name("FOLDER"),
                              "the dataset")("out", po::value(&options.out)->value_name("BAG"),
                                             "default: the folder's name with .bag, here")(
       "frames", po::value(&options.frames)->value_name("0,3,5"), "only these frames, counted from 0")(
       "every", atLeast(1, &options.every, "every")->value_name("N"), "only each Nth frame")(
       "max", atLeast(1, &options.max, "max")->value_name("N"), "at most so many frames")(
-      "perturb", po::value(&options.perturb)->multitoken()->value_name("DEG M"),
+      "perturb",
+      po::value<NumberPair>()
+          ->notifier([&options](const NumberPair& pair) { options.perturb = pair; })
+          ->value_name("DEG M"),
       "/tf_static is off by this angle [deg] and distance [m] in random directions (default: exact)")(
       "seed", po::value(&options.seed)->value_name("S"), "of the random directions (default 1)")(
       "rate", atLeast(0.001, &options.rate, "rate")->value_name("HZ"),
       "new stamps at this rate (default: the dataset's own; 1 Hz where it has none)")(
       "lz4", po::bool_switch(&options.lz4), "compress the bag");
   return runTool(argc, argv, line, [&options](const po::variables_map&) {
-    if (!options.perturb.empty() &&
-        (options.perturb[0] < 0.0 || options.perturb[0] > 180.0 || options.perturb[1] < 0.0)) {
+    if (options.perturb &&
+        (options.perturb->first < 0.0 || options.perturb->first > 180.0 || options.perturb->second < 0.0)) {
       throw po::error("--perturb takes an angle of 0 to 180 deg and a distance of at least 0 m");
     }
     return convert(options);

@@ -251,8 +251,9 @@ void printErrors(const char* label, const char* unit, const Errors& errors, doub
 void print(const Options& options, const Dataset& dataset, const Evaluation& evaluation) {
   const std::size_t refused = static_cast<std::size_t>(std::lround(
       options.trials * mean(collect(evaluation, [](const Trial& trial) { return double(trial.refused); }))));
-  std::printf("method %s, %s dataset, %d of its %s frames a trial, %d trials, seed %llu\n",
-              options.method.c_str(), dataset.layout().c_str(), options.frames, options.frame_set.c_str(),
+  std::printf("method %s on a %s dataset, %d frames a trial (of %s), %d trials, seed %llu\n",
+              options.method.c_str(), dataset.layout().c_str(), options.frames,
+              options.frame_set == "all" ? "all" : ("the " + options.frame_set + " ones").c_str(),
               options.trials, static_cast<unsigned long long>(options.seed));
   std::printf("start: uniform in +-%g deg and +-%g m on each axis\n\n", options.start_rotation,
               options.start_translation);
