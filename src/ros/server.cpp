@@ -118,7 +118,7 @@ class RecalibrationServer::Impl {
   void finishSearch();
   void advanceJob();
   void startSearch(const JobPtr& job);
-  void endJob(const JobPtr& job, bool success, const CalibrationOutcome& outcome, const std::string& note);
+  void endJob(JobPtr job, bool success, const CalibrationOutcome& outcome, const std::string& note);
   std::string applyAccepted(const CalibrationOutcome& outcome);
   void publishTransform();
   void updateState();
@@ -356,7 +356,7 @@ void RecalibrationServer::Impl::finishSearch() {
   std::unique_lock<std::mutex> lock(mutex_);
   if (!search_done_) return;
   SearchDone done = *std::exchange(search_done_, std::nullopt);
-  const JobPtr job = job_;
+  JobPtr job = job_;
   const std::string stop_reason = job->stop_reason;
   lock.unlock();
   search_.join();
@@ -366,13 +366,13 @@ void RecalibrationServer::Impl::finishSearch() {
     outcome.accepted = false;
     outcome.reason = "the search failed: " + done.error;
     ROS_ERROR_STREAM_NAMED(name_, name_ << ": " << outcome.reason);
-    return endJob(job, false, outcome, "");
+    return endJob(std::move(job), false, outcome, "");
   }
   if (!stop_reason.empty() || outcome.cancelled) {  // also where it was stopped just after the end
     outcome.cancelled = true;
     outcome.accepted = false;
     outcome.reason = stop_reason.empty() ? outcome.reason : stop_reason;
-    return endJob(job, false, outcome, "");
+    return endJob(std::move(job), false, outcome, "");
   }
   std::string note;
   if (outcome.accepted && job->request.dry_run) {
@@ -381,7 +381,7 @@ void RecalibrationServer::Impl::finishSearch() {
   } else if (outcome.accepted) {
     note = applyAccepted(outcome);
   }
-  endJob(job, true, outcome, note);
+  endJob(std::move(job), true, outcome, note);
   guarded("drawing the result", [&] { pipeline_.publishPictures(); });
 }
 
@@ -405,7 +405,7 @@ std::string RecalibrationServer::Impl::applyAccepted(const CalibrationOutcome& o
 /// over.
 void RecalibrationServer::Impl::advanceJob() {
   std::unique_lock<std::mutex> lock(mutex_);
-  const JobPtr job = job_;
+  JobPtr job = job_;
   if (!job) return;
   const bool late = job->deadline && Clock::now() >= *job->deadline && job->stop_reason.empty();
   if (late) {
@@ -426,7 +426,7 @@ void RecalibrationServer::Impl::advanceJob() {
     outcome.reason = stop_reason;
     if (!pipeline_.lastProblem().empty())
       outcome.reason += "; last frame refused: " + pipeline_.lastProblem();
-    endJob(job, false, outcome, "");
+    endJob(std::move(job), false, outcome, "");
   } else if (pipeline_.buffer().size() >= job->frames_required) {
     startSearch(job);
   }
@@ -466,7 +466,7 @@ void RecalibrationServer::Impl::startSearch(const JobPtr& job) {
 }
 
 /// Publishes the outcome and answers whoever waits for it.
-void RecalibrationServer::Impl::endJob(const JobPtr& job, bool success, const CalibrationOutcome& outcome,
+void RecalibrationServer::Impl::endJob(JobPtr job, bool success, const CalibrationOutcome& outcome,
                                        const std::string& note) {
   FrameIds frames;
   if (const auto current = keeper_.current()) frames = {current->camera_frame, current->lidar_frame};
@@ -483,6 +483,7 @@ void RecalibrationServer::Impl::endJob(const JobPtr& job, bool success, const Ca
   job->response.result = result;
   job->finished = true;
   job_.reset();
+  job.reset();  // under the lock: whoever waits is the last owner
   job_finished_.notify_all();
 }
 
