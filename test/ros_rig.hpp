@@ -51,10 +51,11 @@ class RosRig {
     return true;
   }
 
-  bool connect() {
-    return eventually([this] {
-      return image_.getNumSubscribers() > 0 && info_.getNumSubscribers() > 0 &&
-             points_.getNumSubscribers() > 0 && masks_.getNumSubscribers() > 0 &&
+  /// @param with_images  false where the test publishes images and masks itself
+  bool connect(bool with_images = true) {
+    return eventually([&] {
+      const bool images = image_.getNumSubscribers() > 0 && masks_.getNumSubscribers() > 0;
+      return (images || !with_images) && info_.getNumSubscribers() > 0 && points_.getNumSubscribers() > 0 &&
              score_.getNumPublishers() > 0 && state_.getNumPublishers() > 0;
     });
   }

@@ -111,6 +111,8 @@ TEST(NodeletLifecycle, TakesCompressedImages) {
   const std::string node = "/compressed_recalibration";
   setQuickParameters(node);
   ros::param::set(node + "/compressed", true);
+  ros::param::set(node + "/initial/T_camera_lidar",
+                  std::vector<double>{0, -1, 0, 0.05, 0, 0, -1, -0.3, 1, 0, 0, -0.2, 0, 0, 0, 1});
   ros::NodeHandle handle;
   ros::Publisher image = handle.advertise<sensor_msgs::CompressedImage>("/zipped/image/compressed", 10);
   ros::Publisher masks = handle.advertise<sensor_msgs::CompressedImage>("/zipped/masks/compressed", 10);
@@ -118,6 +120,7 @@ TEST(NodeletLifecycle, TakesCompressedImages) {
   ASSERT_TRUE(load(node, "/zipped/image", "/zipped/masks"));
   ASSERT_TRUE(
       RosRig::eventually([&] { return image.getNumSubscribers() > 0 && masks.getNumSubscribers() > 0; }));
+  ASSERT_TRUE(rig.connect(false));
   double stamp = 20000.0;
   EXPECT_TRUE(RosRig::eventually([&] {
     return rig

@@ -109,14 +109,16 @@ void FramePipeline::publish(CalibrationScore message, const FrameMessages& messa
 
 /// With the score as title; after a result, if the parameters want that, the start above it.
 cv::Mat FramePipeline::overlay(const FramePtr& frame, const Eigen::Isometry3d& T_camera_lidar) const {
-  const auto evaluator = objective_->evaluator({frame}, {});
+  const bool compare = config_.overlay_compare && comparison_start_;
+  const Views in_view = compare ? Views{*comparison_start_, T_camera_lidar} : Views{};
+  const auto evaluator = objective_->evaluator({frame}, in_view);
   const auto draw = [&](const std::string& when, const Eigen::Isometry3d& extrinsic) {
     char title[96];
     std::snprintf(title, sizeof title, "%sscore %.4f, %zu frames held", when.c_str(),
                   (*evaluator)(extrinsic).total, buffer_.size());
     return drawOverlay(*frame, extrinsic, config_.overlay_color, title);
   };
-  if (!config_.overlay_compare || !comparison_start_) return draw("", T_camera_lidar);
+  if (!compare) return draw("", T_camera_lidar);
   cv::Mat picture;
   cv::vconcat(draw("before: ", *comparison_start_), draw("after: ", T_camera_lidar), picture);
   return picture;
