@@ -16,13 +16,6 @@
 
 namespace lidar_camera_recalibration {
 
-/// About 1.7 deg and 6 cm from the scene's extrinsic.
-inline Eigen::Isometry3d wrongGuess() {
-  Vector6d xi;
-  xi << 0.015, -0.02, 0.015, 0.04, -0.03, 0.03;
-  return exp(xi) * SyntheticScene::T_camera_lidar();
-}
-
 /// The vehicle around the node under test: publishes the synthetic scene, listens to what the node says.
 class RosRig {
  public:

@@ -10,6 +10,7 @@
 
 #include "conversions.hpp"
 #include "frame_synchroniser.hpp"
+#include "lidar_camera_recalibration/extrinsic.hpp"
 #include "synthetic_scene.hpp"
 
 namespace lidar_camera_recalibration {
@@ -24,7 +25,7 @@ inline FrameMessages syntheticMessages(unsigned seed, const ros::Time& stamp) {
   messages.image = cv_bridge::CvImage(header, "bgr8", scene.image()).toImageMsg();
   messages.masks = boost::make_shared<sensor_msgs::Image>(toMaskMessage(header, {scene.labels()}));
 
-  const Intrinsics& intrinsics = SyntheticScene::camera().intrinsics();
+  const Intrinsics intrinsics = SyntheticScene::camera().intrinsics();
   auto info = boost::make_shared<sensor_msgs::CameraInfo>();
   info->header = header;
   info->width = static_cast<std::uint32_t>(intrinsics.width);
@@ -53,6 +54,13 @@ inline FrameMessages syntheticMessages(unsigned seed, const ros::Time& stamp) {
   }
   messages.cloud = cloud;
   return messages;
+}
+
+/// About 1.7 deg and 6 cm from the scene's extrinsic.
+inline Eigen::Isometry3d wrongGuess() {
+  Vector6d xi;
+  xi << 0.015, -0.02, 0.015, 0.04, -0.03, 0.03;
+  return exp(xi) * SyntheticScene::T_camera_lidar();
 }
 
 inline geometry_msgs::TransformStamped stampedTransform(const Eigen::Isometry3d& T_parent_child,

@@ -140,6 +140,34 @@ TEST(VisiblePoints, StreetWith16Beams) {
   expectGoodCulling(16, -15.0, 15.0, {0, 0, -1.2}, 0.5);
 }
 
+// A panel at x = 5, |y| <= 1; seen from the camera at y = -0.5 its left edge lies in the direction (5, 1.5).
+// The LiDAR sees points behind it from y = 0.2 x on.
+TEST(VisiblePoints, SilhouetteIsSharpAndNotWidened) {
+  Points points;
+  for (int row = -20; row <= 20; ++row) {
+    for (int i = -50; i <= 50; ++i) points.emplace_back(5.0f, 0.02f * i, 0.02f * row);
+  }
+  const std::size_t panel = points.size();
+  std::vector<double> past_edge_deg;
+  for (int row = -20; row <= 20; ++row) {
+    for (double past = -2.0; past < 1.0; past += 0.02) {
+      const double direction = std::atan2(1.5, 5.0) + past * kDegree;
+      points.push_back(Vector3d(20.0, -0.5 + 20.0 * std::tan(direction), 0.05 * row).cast<float>());
+      past_edge_deg.push_back(past);
+    }
+  }
+  const auto visible = visiblePoints(points, cameraAt({0, -0.5, 0}));
+  for (std::size_t i = 0; i < panel; ++i) EXPECT_TRUE(visible[i]);
+  for (std::size_t i = panel; i < points.size(); ++i) {
+    const double past = past_edge_deg[i - panel];
+    if (past > 0.01) {
+      EXPECT_TRUE(visible[i]) << past;
+    } else if (past < -0.25) {
+      EXPECT_FALSE(visible[i]) << past;
+    }
+  }
+}
+
 TEST(VisiblePoints, NothingIsHiddenFromTheLidarsOwnPlace) {
   const Points points = scan(street(), 32, -25.0, 10.0);
   const auto visible = visiblePoints(points, cameraAt({0, 0, 0}));

@@ -223,7 +223,7 @@ TEST(Masks, RealFrameTakesMilliseconds) {
   const double fastest = *std::min_element(milliseconds.begin(), milliseconds.end());
   RecordProperty("milliseconds", std::to_string(fastest));
   std::cout << "4 layers of " << layers[0].cols << "x" << layers[0].rows << ": " << fastest << " ms\n";
-#ifdef __OPTIMIZE__
-  EXPECT_LT(fastest, 50.0);  // generous, for loaded machines and sanitizers
+#if defined(__OPTIMIZE__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+  EXPECT_LT(fastest, 50.0);  // generous, for loaded machines
 #endif
 }

@@ -3,11 +3,12 @@
 #include <nodelet/NodeletList.h>
 #include <nodelet/NodeletLoad.h>
 #include <nodelet/NodeletUnload.h>
-#include <ros/package.h>
+#include <sensor_msgs/CompressedImage.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 
 #include <algorithm>
 #include <cstdlib>
+#include <opencv2/imgcodecs.hpp>
 
 #include "ros_rig.hpp"
 
@@ -16,14 +17,15 @@ namespace {
 
 const std::string kManager = "/manager";
 
-bool load(const std::string& name) {
+bool load(const std::string& name, const std::string& image = "/camera/image_raw",
+          const std::string& masks = "/camera/masks") {
   nodelet::NodeletLoad service;
   service.request.name = name;
   service.request.type = "lidar_camera_recalibration/RecalibrationNodelet";
-  const std::pair<const char*, const char*> remappings[] = {{"/image", "/camera/image_raw"},
+  const std::pair<std::string, std::string> remappings[] = {{"/image", image},
                                                             {"/camera_info", "/camera/camera_info"},
                                                             {"/points", "/lidar/points"},
-                                                            {"/masks", "/camera/masks"}};
+                                                            {"/masks", masks}};
   for (const auto& [from, to] : remappings) {
     service.request.remap_source_args.push_back(from);
     service.request.remap_target_args.push_back(to);
@@ -42,6 +44,15 @@ std::vector<std::string> loaded() {
   nodelet::NodeletList service;
   EXPECT_TRUE(ros::service::call(kManager + "/list", service)) << "the manager is gone";
   return service.response.nodelets;
+}
+
+sensor_msgs::CompressedImage compressed(const sensor_msgs::Image& image, const std::string& format,
+                                        const std::string& extension) {
+  sensor_msgs::CompressedImage message;
+  message.header = image.header;
+  message.format = format;
+  cv::imencode(extension, cv_bridge::toCvCopy(image)->image, message.data);
+  return message;
 }
 
 void setQuickParameters(const std::string& node) {
@@ -91,10 +102,35 @@ TEST(NodeletLifecycle, ABadParameterLeavesTheManagerAlive) {
 
 TEST(NodeletLifecycle, ABadParameterEndsTheNode) {
   ros::param::set("/misconfigured_node/search", "magic");
-  const int status =
-      std::system("rosrun lidar_camera_recalibration recalibration_node __name:=misconfigured_node");
+  const int status = std::system(NODE_PROGRAM " __name:=misconfigured_node");
   ASSERT_TRUE(WIFEXITED(status));
   EXPECT_EQ(WEXITSTATUS(status), 1);
+}
+
+TEST(NodeletLifecycle, TakesCompressedImages) {
+  const std::string node = "/compressed_recalibration";
+  setQuickParameters(node);
+  ros::param::set(node + "/compressed", true);
+  ros::NodeHandle handle;
+  ros::Publisher image = handle.advertise<sensor_msgs::CompressedImage>("/zipped/image/compressed", 10);
+  ros::Publisher masks = handle.advertise<sensor_msgs::CompressedImage>("/zipped/masks/compressed", 10);
+  RosRig rig(node);
+  ASSERT_TRUE(load(node, "/zipped/image", "/zipped/masks"));
+  ASSERT_TRUE(
+      RosRig::eventually([&] { return image.getNumSubscribers() > 0 && masks.getNumSubscribers() > 0; }));
+  double stamp = 20000.0;
+  EXPECT_TRUE(RosRig::eventually([&] {
+    return rig
+        .frame(1, ros::Time(stamp += 2.0),
+               [&](FrameMessages& messages) {
+                 image.publish(compressed(*messages.image, "bgr8; jpeg compressed bgr8", ".jpg"));
+                 masks.publish(compressed(*messages.masks, "16UC1; png compressed", ".png"));
+                 messages.image.reset();
+                 messages.masks.reset();
+               })
+        .used;
+  }));
+  EXPECT_TRUE(unload(node));
 }
 
 TEST(NodeletLifecycle, TwoInOneManagerBothKeepTheirTransform) {

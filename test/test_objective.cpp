@@ -38,7 +38,7 @@ Eigen::Vector3f randomUnit(std::mt19937& random) {
 TEST(PaperObjective, ReflectivityConsistencyIsOneMinusStandardDeviation) {
   // 0.2, 0.4, 0.9: mean 0.5, variance (0.09 + 0.01 + 0.16) / 3
   EXPECT_NEAR(reflectivityConsistency(1.5, 0.04 + 0.16 + 0.81, 3), 1.0 - std::sqrt(0.26 / 3.0), 1e-12);
-  EXPECT_DOUBLE_EQ(reflectivityConsistency(0.7, 0.49, 1), 1.0);
+  EXPECT_NEAR(reflectivityConsistency(0.7, 0.49, 1), 1.0, 1e-7);
 }
 
 TEST(PaperObjective, SegmentConsistencyWeighsClassesBySize) {
@@ -78,7 +78,7 @@ TEST(PaperObjective, NormalConsistencyIsCloseToTheDoubleLoop) {
     EXPECT_LT(error, 2e-2);
     error_sum += error;
   }
-  EXPECT_LT(error_sum / kTrials, 3e-3);
+  EXPECT_LT(error_sum / kTrials, 2e-3);
 }
 
 /// A random frame in front of a small camera: overlapping masks, several classes, some points without class,
@@ -201,7 +201,7 @@ TEST(PaperObjective, ScoreMatchesTheNaiveImplementation) {
   config.weight_reflectivity = 0.5;
   config.weight_normal = 0.2;
   config.weight_segment = 0.3;
-  const auto evaluator = makeObjective(config)->evaluator({frames[0].frame, frames[1].frame});
+  const auto evaluator = makeObjective(config)->evaluator({frames[0].frame, frames[1].frame}, {});
   for (const double angle : {0.0, 0.03, -0.1}) {
     const Score naive = naiveScore(frames, tilt(angle), {0.5, 0.2, 0.3});
     ASSERT_GT(naive.points, 200u);
@@ -211,17 +211,50 @@ TEST(PaperObjective, ScoreMatchesTheNaiveImplementation) {
 
 TEST(PaperObjective, WithoutReflectivityItsWeightIsSharedOut) {
   const std::vector<RandomFrame> frames = {RandomFrame(4, false)};
-  const auto evaluator = makeObjective(ObjectiveConfig())->evaluator({frames[0].frame});
+  const auto evaluator = makeObjective(ObjectiveConfig())->evaluator({frames[0].frame}, {});
   expectNear((*evaluator)(tilt(0.02)), naiveScore(frames, tilt(0.02), Eigen::Vector3d::Constant(1.0 / 3.0)),
              5e-3);
 }
 
 TEST(PaperObjective, NothingInViewScoresZero) {
   const RandomFrame f(5);
-  const auto evaluator = makeObjective(ObjectiveConfig())->evaluator({f.frame});
+  const auto evaluator = makeObjective(ObjectiveConfig())->evaluator({f.frame}, {});
   const Score score = (*evaluator)(Eigen::Isometry3d(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitY())));
   EXPECT_EQ(score.points, 0u);
   EXPECT_EQ(score.total, 0.0);
+}
+
+TEST(PaperObjective, ScoresOnlyPointsInViewUnderAllGivenExtrinsics) {
+  const std::vector<RandomFrame> frames = {RandomFrame(6)};
+  std::vector<RandomFrame> expected = frames;
+  // By hand: keep the points whose pixel is inside under both extrinsics.
+  const auto inside = [&](const Eigen::Isometry3d& T, const Eigen::Vector3d& point) {
+    const auto pixel = frames[0].frame->camera.project(T * point);
+    return pixel && std::lround(pixel->x()) >= 0 && std::lround(pixel->y()) >= 0 &&
+           std::lround(pixel->x()) < RandomFrame::kWidth && std::lround(pixel->y()) < RandomFrame::kHeight;
+  };
+  const FramePoints& all = frames[0].frame->points;
+  FramePoints kept;
+  kept.segment_count = all.segment_count;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const Eigen::Vector3d point(all.x[i], all.y[i], all.z[i]);
+    if (!inside(tilt(0.1), point) || !inside(tilt(-0.1), point)) continue;
+    kept.x.push_back(all.x[i]);
+    kept.y.push_back(all.y[i]);
+    kept.z.push_back(all.z[i]);
+    kept.nx.push_back(all.nx[i]);
+    kept.ny.push_back(all.ny[i]);
+    kept.nz.push_back(all.nz[i]);
+    kept.reflectivity.push_back(all.reflectivity[i]);
+    kept.segment.push_back(all.segment[i]);
+  }
+  ASSERT_LT(kept.size(), all.size() - 20);
+  expected[0].frame = std::make_shared<Frame>(*frames[0].frame);
+  expected[0].frame->points = kept;
+  const auto evaluator =
+      makeObjective(ObjectiveConfig())->evaluator({frames[0].frame}, {tilt(0.1), tilt(-0.1)});
+  expectNear((*evaluator)(tilt(0.0)), naiveScore(expected, tilt(0.0), Eigen::Vector3d::Constant(1.0 / 3.0)),
+             5e-3);
 }
 
 TEST(PaperObjective, BadConfigurationIsNamed) {

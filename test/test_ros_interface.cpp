@@ -71,6 +71,9 @@ TEST(RosInterface, Diagnostics) {
   EXPECT_TRUE(RosRig::eventually([] {
     return contains(rig->diagnostic("inputs").message, "all inputs arrive");
   })) << rig->diagnostic("inputs").message;
+  EXPECT_TRUE(RosRig::eventually([] {
+    return contains(rig->diagnostic("recalibration: recalibration").message, "ready");
+  })) << rig->diagnostic("recalibration: recalibration").message;
   const auto status = rig->diagnostic("recalibration: recalibration");
   EXPECT_EQ(status.level, diagnostic_msgs::DiagnosticStatus::OK);
   std::map<std::string, std::string> values;

@@ -13,7 +13,7 @@ namespace {
 class Hill : public Objective {
  public:
   explicit Hill(const Eigen::Isometry3d& summit) : summit_(summit) {}
-  std::unique_ptr<Evaluator> evaluator(const Frames&) const override {
+  std::unique_ptr<Evaluator> evaluator(const Frames&, const Views&) const override {
     return std::make_unique<Climber>(summit_);
   }
 
@@ -55,7 +55,6 @@ TEST(PaperSearch, ClimbsToTheSummit) {
   const ExtrinsicError error = extrinsicError(result.T_camera_lidar, summit());
   EXPECT_LT(error.angle() / kDegree, 0.1);
   EXPECT_LT(error.distance(), 0.01);
-  EXPECT_GT(result.after.total, result.before.total);
   EXPECT_EQ(result.evaluations, 11u * 11u * 11u + 4000u);
   EXPECT_FALSE(result.cancelled);
 }

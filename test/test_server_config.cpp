@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <fstream>
 #include <set>
 #include <sstream>
@@ -246,6 +247,7 @@ TEST(ServerConfig, whatMustFitTogether) {
   expectRefused("tf/correct_parent", "base", {"tf/correct_child", "both or neither"});
   expectRefused("tf/correct_child", "mount", {"tf/correct_parent", "both or neither"});
   refusal({{"tf/correct_parent", "a"}, {"tf/correct_child", "a"}});
+  refusal({{"frame/crop_margin_deg", 4.0}, {"search_range/rotation_deg", 5.0}});
   refusal({{"frame/min_range", 50.0}, {"frame/max_range", 40.0}});
   refusal({{"paper/weight_reflectivity", 0}, {"paper/weight_normal", 0}, {"paper/weight_segment", 0.0}});
 }

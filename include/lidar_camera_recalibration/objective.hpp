@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "lidar_camera_recalibration/frame.hpp"
 
@@ -34,11 +35,19 @@ class Evaluator {
   virtual Score operator()(const Eigen::Isometry3d& T_camera_lidar) = 0;
 };
 
+/// Extrinsics that bound what is scored: see Objective::evaluator.
+using Views = std::vector<Eigen::Isometry3d>;
+
 /// An objective is a recipe for evaluators.
 class Objective {
  public:
   virtual ~Objective() = default;
-  virtual std::unique_ptr<Evaluator> evaluator(const Frames& frames) const = 0;
+
+  /// @param in_view  score only points that lie in the image under each of these extrinsics; empty: all
+  /// points. Scores
+  ///   are means, so without this a candidate could raise its score by moving easy points, road above all,
+  ///   into the image instead of bringing points and masks together.
+  virtual std::unique_ptr<Evaluator> evaluator(const Frames& frames, const Views& in_view) const = 0;
 };
 
 /// @throw Error(kParameter) for an unknown objective or weights that are negative or all zero.

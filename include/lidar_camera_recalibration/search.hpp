@@ -29,7 +29,6 @@ using Progress = std::function<bool(double fraction, double best_score)>;
 
 struct SearchResult {
   Eigen::Isometry3d T_camera_lidar = Eigen::Isometry3d::Identity();
-  Score before, after;
   std::size_t evaluations = 0;
   bool cancelled = false;  ///< then T_camera_lidar is the best so far
 };

@@ -48,7 +48,7 @@ double frameAgreement(const Objective& objective, const Frames& frames, const Ei
                       const Eigen::Isometry3d& b) {
   std::size_t better = 0;
   for (const FramePtr& frame : frames) {
-    const std::unique_ptr<Evaluator> evaluator = objective.evaluator({frame});
+    const std::unique_ptr<Evaluator> evaluator = objective.evaluator({frame}, {a, b});
     better += (*evaluator)(b).total > (*evaluator)(a).total;
   }
   return static_cast<double>(better) / static_cast<double>(frames.size());
@@ -132,15 +132,15 @@ CalibrationOutcome calibrate(const Frames& frames, const Eigen::Isometry3d& star
   CalibrationOutcome result;
   result.start = start;
   result.T_camera_lidar = found.T_camera_lidar;
-  result.before = found.before;
-  result.after = found.after;
   result.evaluations = found.evaluations;
   result.cancelled = found.cancelled;
   result.frames = frames.size();
 
-  // 2. What it is worth.
+  // 2. What it is worth, measured on the points that both extrinsics bring into the image.
+  const std::unique_ptr<Evaluator> evaluator = objective->evaluator(frames, {start, result.T_camera_lidar});
+  result.before = (*evaluator)(start);
+  result.after = (*evaluator)(result.T_camera_lidar);
   if (!result.cancelled) {
-    const std::unique_ptr<Evaluator> evaluator = objective->evaluator(frames);
     result.validity = validityIndex(*evaluator, result.T_camera_lidar);
     result.frame_agreement = frameAgreement(*objective, frames, start, result.T_camera_lidar);
     const auto covariance_progress = [&](double fraction, double best) {

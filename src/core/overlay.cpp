@@ -18,7 +18,7 @@ constexpr double kNearest = 2.5, kFarthest = 80.0;                              
 constexpr std::array<double, 6> kDepthTicks = {2.5, 5.0, 10.0, 20.0, 40.0, 80.0};  // [m]
 constexpr std::array<double, 5> kUnitTicks = {0.0, 0.25, 0.5, 0.75, 1.0};
 
-constexpr int kSubPixelBits = 4;  // of coordinates given to cv::circle()
+constexpr int kSubPixelBits = 4;  // of coordinates given to cv::fillConvexPoly()
 constexpr int kFont = cv::FONT_HERSHEY_DUPLEX;
 const cv::Vec3b kGrey(150, 150, 150);
 const cv::Scalar kBarColor(32, 28, 26), kTextColor(240, 240, 240), kFaintTextColor(190, 190, 190);
@@ -126,10 +126,18 @@ std::vector<Dot> visibleDots(const Frame& frame, const Eigen::Isometry3d& T_came
 void drawDots(cv::Mat& image, std::vector<Dot>& dots) {
   std::stable_sort(dots.begin(), dots.end(), [](const Dot& a, const Dot& b) { return a.depth > b.depth; });
   const double scale = 1 << kSubPixelBits;
-  const int radius = cvRound(scale * std::max(1.0, image.cols / 900.0));
+  const double radius = std::max(0.8, image.cols / 1100.0);  // [px]
+  // cv::circle() makes a diamond of so small a smooth circle.
+  std::array<cv::Point2d, 8> octagon;
+  for (std::size_t i = 0; i < octagon.size(); ++i) {
+    const double angle = (static_cast<double>(i) + 0.5) * M_PI / 4.0;
+    octagon[i] = radius * cv::Point2d(std::cos(angle), std::sin(angle));
+  }
+  std::vector<cv::Point> corners(octagon.size());
   for (const Dot& dot : dots) {
-    const cv::Point centre(cvRound(scale * dot.pixel.x), cvRound(scale * dot.pixel.y));
-    cv::circle(image, centre, radius, cv::Scalar(dot.color), cv::FILLED, cv::LINE_AA, kSubPixelBits);
+    std::transform(octagon.begin(), octagon.end(), corners.begin(),
+                   [&](const cv::Point2d& corner) { return cv::Point(scale * (dot.pixel + corner)); });
+    cv::fillConvexPoly(image, corners, cv::Scalar(dot.color), cv::LINE_AA, kSubPixelBits);
   }
 }
 

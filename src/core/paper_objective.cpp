@@ -52,31 +52,66 @@ struct MaskSums {
   std::uint32_t points, points_with_normal;
 };
 
-/// The constant part of a frame, arranged for the inner loop.
+/// What the inner loop reads of a frame: the points to be scored, as structure of arrays.
 struct PreparedFrame {
   FramePtr frame;
-  std::vector<std::uint8_t> bin;        ///< of each point's normal
-  std::vector<Eigen::Vector3f> folded;  ///< the normal on its bin's side; zero where unknown
-  Eigen::Vector3d weights;              ///< w_R, w_N, w_S; sum 1
+  std::vector<float> x, y, z;           ///< LiDAR frame [m]
+  std::vector<Eigen::Vector3f> normal;  ///< folded to its bin's side; zero where unknown
+  std::vector<std::uint8_t> bin;        ///< of the normal
+  std::vector<float> reflectivity;      ///< 0 where the sensor gives none
+  std::vector<std::int32_t> segment;
+  Eigen::Vector3d weights;  ///< w_R, w_N, w_S; sum 1
+
+  std::size_t maskCount() const { return frame->masks.maskCount(); }
+  std::size_t classCount() const { return static_cast<std::size_t>(frame->points.segment_count); }
+};
+
+/// Pixels of the ideal image, eq. (2), in float: off by about 1e-3 px, where masks are good to 1 px.
+class Projection {
+ public:
+  Projection(const Intrinsics& camera, const Eigen::Isometry3d& T_camera_lidar)
+      : width_(static_cast<float>(camera.width)), height_(static_cast<float>(camera.height)) {
+    Eigen::Matrix3d K;
+    // Half a pixel more than the centre: then truncation rounds to the nearest pixel.
+    K << camera.fx, 0.0, camera.cx + 0.5, 0.0, camera.fy, camera.cy + 0.5, 0.0, 0.0, 1.0;
+    P_ = (K * T_camera_lidar.matrix().topRows<3>()).cast<float>();
+  }
+
+  /// @return false if the point is not in the image
+  bool operator()(float x, float y, float z, std::size_t& u, std::size_t& v) const {
+    constexpr float kMinDepth = 0.1f;
+    const float depth = P_(2, 0) * x + P_(2, 1) * y + P_(2, 2) * z + P_(2, 3);
+    if (!(depth > kMinDepth)) return false;
+    const float up = (P_(0, 0) * x + P_(0, 1) * y + P_(0, 2) * z + P_(0, 3)) / depth;
+    const float vp = (P_(1, 0) * x + P_(1, 1) * y + P_(1, 2) * z + P_(1, 3)) / depth;
+    if (!(up >= 0.0f && up < width_ && vp >= 0.0f && vp < height_)) return false;
+    u = static_cast<std::size_t>(up);
+    v = static_cast<std::size_t>(vp);
+    return true;
+  }
+
+ private:
+  Eigen::Matrix<float, 3, 4> P_;
+  float width_, height_;
 };
 
 class PaperEvaluator : public Evaluator {
  public:
-  PaperEvaluator(const Frames& frames, const Eigen::Vector3d& weights) {
+  PaperEvaluator(const Frames& frames, const Views& in_view, const Eigen::Vector3d& weights) {
     for (const FramePtr& frame : frames) {
-      frames_.push_back(prepare(frame, weights));
-      const std::size_t masks = frame->masks.maskCount();
-      sums_.resize(std::max(sums_.size(), masks));
-      class_counts_.resize(std::max(class_counts_.size(), masks * classes(*frame)));
+      frames_.push_back(prepare(frame, in_view, weights));
+      const PreparedFrame& prepared = frames_.back();
+      sums_.resize(std::max(sums_.size(), prepared.maskCount()));
+      class_counts_.resize(std::max(class_counts_.size(), prepared.maskCount() * prepared.classCount()));
     }
   }
 
   Score operator()(const Eigen::Isometry3d& T_camera_lidar) override {
     Score score;
     double weight = 0.0;  // sum of ||P_i||
-    for (const PreparedFrame& prepared : frames_) {
-      collect(prepared, T_camera_lidar, score);
-      addMasks(prepared, score, weight);
+    for (const PreparedFrame& frame : frames_) {
+      collect(frame, T_camera_lidar, score);
+      addMasks(frame, score, weight);
     }
     if (weight > 0.0) {
       for (double* mean : {&score.total, &score.reflectivity, &score.normal, &score.segment}) *mean /= weight;
@@ -85,17 +120,26 @@ class PaperEvaluator : public Evaluator {
   }
 
  private:
-  static std::size_t classes(const Frame& frame) {
-    return static_cast<std::size_t>(frame.points.segment_count);
-  }
-
-  static PreparedFrame prepare(const FramePtr& frame, Eigen::Vector3d weights) {
+  static PreparedFrame prepare(const FramePtr& frame, const Views& in_view, Eigen::Vector3d weights) {
     const FramePoints& points = frame->points;
-    PreparedFrame prepared{frame, {}, {}, {}};
+    std::vector<Projection> views;
+    for (const Eigen::Isometry3d& T : in_view) views.emplace_back(frame->camera.intrinsics(), T);
+    PreparedFrame prepared;
+    prepared.frame = frame;
     for (std::size_t i = 0; i < points.size(); ++i) {
+      std::size_t u, v;
+      const auto sees = [&](const Projection& view) {
+        return view(points.x[i], points.y[i], points.z[i], u, v);
+      };
+      if (!std::all_of(views.begin(), views.end(), sees)) continue;
+      prepared.x.push_back(points.x[i]);
+      prepared.y.push_back(points.y[i]);
+      prepared.z.push_back(points.z[i]);
       Eigen::Vector3f normal(points.nx[i], points.ny[i], points.nz[i]);
       prepared.bin.push_back(static_cast<std::uint8_t>(NormalBins::fold(normal)));
-      prepared.folded.push_back(normal);
+      prepared.normal.push_back(normal);
+      prepared.reflectivity.push_back(points.hasReflectivity() ? points.reflectivity[i] : 0.0f);
+      prepared.segment.push_back(points.segment[i]);
     }
     if (!points.hasReflectivity()) weights.x() = 0.0;
     // Without reflectivity and with w_N = w_S = 0 nothing is left to score by: all weights stay 0.
@@ -103,73 +147,54 @@ class PaperEvaluator : public Evaluator {
     return prepared;
   }
 
-  /// Projects all points, eq. (2), and adds each to the masks that its pixel belongs to, eq. (3).
-  void collect(const PreparedFrame& prepared, const Eigen::Isometry3d& T_camera_lidar, Score& score) {
-    const Frame& frame = *prepared.frame;
-    const FramePoints& points = frame.points;
-    const std::size_t class_count = classes(frame);
-    std::fill_n(sums_.begin(), frame.masks.maskCount(), MaskSums{});
-    std::fill_n(class_counts_.begin(), frame.masks.maskCount() * class_count, 0u);
-
-    const Intrinsics& camera = frame.camera.intrinsics();
-    Eigen::Matrix3d K;
-    K << camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0;
-    const Eigen::Matrix<float, 3, 4> P = (K * T_camera_lidar.matrix().topRows<3>()).cast<float>();
-    const float width = static_cast<float>(camera.width) - 0.5f,
-                height = static_cast<float>(camera.height) - 0.5f;
-    const std::uint16_t* set_of_pixel = frame.masks.setOfPixel().ptr<std::uint16_t>();
-    const std::size_t stride = frame.masks.setOfPixel().step1();
-    const std::vector<std::uint32_t>&begin = frame.masks.setBegin(), &masks = frame.masks.setMasks();
-
-    for (std::size_t i = 0; i < points.size(); ++i) {
-      const float x = points.x[i], y = points.y[i], z = points.z[i];
-      const float depth = P(2, 0) * x + P(2, 1) * y + P(2, 2) * z + P(2, 3);
-      if (!(depth > 0.1f)) continue;
-      const float u = (P(0, 0) * x + P(0, 1) * y + P(0, 2) * z + P(0, 3)) / depth;
-      const float v = (P(1, 0) * x + P(1, 1) * y + P(1, 2) * z + P(1, 3)) / depth;
-      if (!(u >= -0.5f && u < width && v >= -0.5f && v < height)) continue;
-      const std::uint16_t set =
-          set_of_pixel[static_cast<std::size_t>(v + 0.5f) * stride + static_cast<std::size_t>(u + 0.5f)];
+  /// Projects all points and adds each to the masks that its pixel belongs to, eq. (3).
+  void collect(const PreparedFrame& frame, const Eigen::Isometry3d& T_camera_lidar, Score& score) {
+    std::fill_n(sums_.begin(), frame.maskCount(), MaskSums{});
+    std::fill_n(class_counts_.begin(), frame.maskCount() * frame.classCount(), 0u);
+    const MaskSets& sets = frame.frame->masks;
+    const std::uint16_t* set_of_pixel = sets.setOfPixel().ptr<std::uint16_t>();
+    const std::size_t stride = sets.setOfPixel().step1();
+    const Projection project(frame.frame->camera.intrinsics(), T_camera_lidar);
+    for (std::size_t i = 0; i < frame.x.size(); ++i) {
+      std::size_t u, v;
+      if (!project(frame.x[i], frame.y[i], frame.z[i], u, v)) continue;
+      const std::size_t set = set_of_pixel[v * stride + u];
       if (set == 0) continue;
       ++score.points;
-      for (std::uint32_t m = begin[set]; m < begin[set + 1u]; ++m) add(prepared, i, masks[m], class_count);
+      for (std::uint32_t m = sets.setBegin()[set]; m < sets.setBegin()[set + 1]; ++m) {
+        add(frame, i, sets.setMasks()[m]);
+      }
     }
   }
 
-  void add(const PreparedFrame& prepared, std::size_t i, std::uint32_t mask, std::size_t class_count) {
-    const FramePoints& points = prepared.frame->points;
+  void add(const PreparedFrame& frame, std::size_t i, std::uint32_t mask) {
     MaskSums& sums = sums_[mask];
     ++sums.points;
-    if (points.hasReflectivity()) {
-      sums.reflectivity += points.reflectivity[i];
-      sums.reflectivity_squared += points.reflectivity[i] * points.reflectivity[i];
-    }
-    const Eigen::Vector3f& normal = prepared.folded[i];
-    sums.normals[prepared.bin[i]] += normal;
-    sums.points_with_normal += normal != Eigen::Vector3f::Zero();
-    if (points.segment[i] >= 0)
-      ++class_counts_[mask * class_count + static_cast<std::size_t>(points.segment[i])];
+    sums.reflectivity += frame.reflectivity[i];
+    sums.reflectivity_squared += frame.reflectivity[i] * frame.reflectivity[i];
+    sums.normals[frame.bin[i]] += frame.normal[i];
+    sums.points_with_normal += frame.normal[i] != Eigen::Vector3f::Zero();
+    if (frame.segment[i] >= 0)
+      ++class_counts_[mask * frame.classCount() + static_cast<std::size_t>(frame.segment[i])];
   }
 
   /// Adds n_i * s_i of each mask, eq. (4) and (10).
-  void addMasks(const PreparedFrame& prepared, Score& score, double& weight) {
-    const std::size_t class_count = classes(*prepared.frame);
-    for (std::size_t m = 0; m < prepared.frame->masks.maskCount(); ++m) {
+  void addMasks(const PreparedFrame& frame, Score& score, double& weight) {
+    for (std::size_t m = 0; m < frame.maskCount(); ++m) {
       const MaskSums& sums = sums_[m];
       if (sums.points == 0) continue;
       const double n = sums.points;
       counts_.clear();
-      for (std::size_t c = m * class_count; c < (m + 1) * class_count; ++c) {
+      for (std::size_t c = m * frame.classCount(); c < (m + 1) * frame.classCount(); ++c) {
         if (class_counts_[c] > 0) counts_.push_back(class_counts_[c]);
       }
       const Eigen::Vector3d consistency(
-          prepared.weights.x() > 0.0
-              ? reflectivityConsistency(sums.reflectivity, sums.reflectivity_squared, n)
-              : 0.0,
+          frame.weights.x() > 0.0 ? reflectivityConsistency(sums.reflectivity, sums.reflectivity_squared, n)
+                                  : 0.0,
           NormalBins::consistency(sums.normals.data(), sums.points_with_normal), segmentConsistency(counts_));
       ++score.masks;
       weight += n;
-      score.total += n * prepared.weights.dot(consistency) * adjust(n);
+      score.total += n * frame.weights.dot(consistency) * adjust(n);
       score.reflectivity += n * consistency.x();
       score.normal += n * consistency.y();
       score.segment += n * consistency.z();
@@ -225,9 +250,10 @@ PaperObjective::PaperObjective(const ObjectiveConfig& config) : config_(config) 
   }
 }
 
-std::unique_ptr<Evaluator> PaperObjective::evaluator(const Frames& frames) const {
+std::unique_ptr<Evaluator> PaperObjective::evaluator(const Frames& frames, const Views& in_view) const {
   return std::make_unique<PaperEvaluator>(
-      frames, Eigen::Vector3d(config_.weight_reflectivity, config_.weight_normal, config_.weight_segment));
+      frames, in_view,
+      Eigen::Vector3d(config_.weight_reflectivity, config_.weight_normal, config_.weight_segment));
 }
 
 }  // namespace lidar_camera_recalibration

@@ -22,28 +22,35 @@ class Contest {
  public:
   Contest(const Objective& objective, const Frames& frames, const Eigen::Isometry3d& start, int threads,
           std::size_t planned, const Progress& progress)
-      : planned_(planned), progress_(progress) {
-    for (int t = 0; t < threads; ++t) evaluators_.push_back(objective.evaluator(frames));
+      : objective_(objective), frames_(frames), evaluators_(threads), planned_(planned), progress_(progress) {
     result_.T_camera_lidar = start;
-    result_.before = result_.after = (*evaluators_.front())(start);
+    beginStage();
+  }
+
+  /// From here on scores the points that are in view under the best extrinsic so far.
+  void beginStage() {
+    const Views views = {result_.T_camera_lidar};
+    parallelFor(evaluators_.size(), evaluators_.size(),
+                [&](std::size_t, std::size_t i) { evaluators_[i] = objective_.evaluator(frames_, views); });
+    best_ = (*evaluators_.front())(result_.T_camera_lidar).total;
   }
 
   /// @return false if cancelled
   bool enter(const std::vector<Eigen::Isometry3d>& candidates) {
-    std::vector<Score> scores(std::min(kBatch, candidates.size()));
+    std::vector<double> scores(std::min(kBatch, candidates.size()));
     for (std::size_t first = 0; first < candidates.size(); first += kBatch) {
       const std::size_t count = std::min(kBatch, candidates.size() - first);
       parallelFor(count, evaluators_.size(), [&](std::size_t worker, std::size_t i) {
-        scores[i] = (*evaluators_[worker])(candidates[first + i]);
+        scores[i] = (*evaluators_[worker])(candidates[first + i]).total;
       });
       for (std::size_t i = 0; i < count; ++i) {
-        if (scores[i].total <= result_.after.total) continue;
-        result_.after = scores[i];
+        if (scores[i] <= best_) continue;
+        best_ = scores[i];
         result_.T_camera_lidar = candidates[first + i];
       }
       result_.evaluations += count;
       const double fraction = static_cast<double>(result_.evaluations) / static_cast<double>(planned_);
-      if (progress_ && !progress_(fraction, result_.after.total)) {
+      if (progress_ && !progress_(fraction, best_)) {
         result_.cancelled = true;
         return false;
       }
@@ -54,10 +61,13 @@ class Contest {
   const SearchResult& result() const { return result_; }
 
  private:
-  std::vector<std::unique_ptr<Evaluator>> evaluators_;
+  const Objective& objective_;
+  const Frames& frames_;
+  std::vector<std::unique_ptr<Evaluator>> evaluators_;  ///< one per thread
   std::size_t planned_;
   const Progress& progress_;
   SearchResult result_;
+  double best_ = 0.0;
 };
 
 std::vector<Eigen::Isometry3d> rotationGrid(const Eigen::Isometry3d& start, double range, double step) {
@@ -101,6 +111,7 @@ bool refineRandomly(Contest& contest, const SearchConfig& config, std::size_t ev
   Vector6d range;
   range << Eigen::Vector3d::Constant(rotation), Eigen::Vector3d::Constant(translation);
   for (int round = 0; round < kRounds; ++round, range *= kShrink) {
+    contest.beginStage();
     const std::size_t count = evaluations * (round + 1) / kRounds - evaluations * round / kRounds;
     if (!contest.enter(
             randomCandidates(contest.result().T_camera_lidar, range, count, random, start, limit))) {

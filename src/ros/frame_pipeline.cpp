@@ -3,6 +3,7 @@
 #include <ros/console.h>
 
 #include <cstdio>
+#include <opencv2/core.hpp>
 #include <utility>
 
 #include "lidar_camera_recalibration/calibrator.hpp"
@@ -80,14 +81,14 @@ FramePtr FramePipeline::prepare(const FrameMessages& messages, const Eigen::Isom
 
 void FramePipeline::score(const FrameMessages& messages, const FramePtr& frame,
                           const Eigen::Isometry3d& extrinsic) {
-  const auto evaluator = objective_->evaluator({frame});
+  const auto evaluator = objective_->evaluator({frame}, {});
   const Score score = (*evaluator)(extrinsic);
   CalibrationScore message =
       scoreMessage(messages.image->header, score, validityIndex(*evaluator, extrinsic));
   message.reason = buffer_.refusal(messages.image->header.stamp);
   message.used = message.reason.empty();
   if (message.used) buffer_.add(frame, messages.image->header.stamp);
-  newest_ = Newest{frame, messages.image->header, messages.cloud->header, score.total};
+  newest_ = Newest{frame, messages.image->header, messages.cloud->header};
   newest_->cloud_header.frame_id = frameIds(messages, config_).lidar;
   last_problem_.clear();
   publish(message, messages);
@@ -106,22 +107,29 @@ void FramePipeline::publish(CalibrationScore message, const FrameMessages& messa
   if (outputs_.score) outputs_.score(message);
 }
 
+/// With the score as title; after a result, if the parameters want that, the start above it.
+cv::Mat FramePipeline::overlay(const FramePtr& frame, const Eigen::Isometry3d& T_camera_lidar) const {
+  const auto evaluator = objective_->evaluator({frame}, {});
+  const auto draw = [&](const std::string& when, const Eigen::Isometry3d& extrinsic) {
+    char title[96];
+    std::snprintf(title, sizeof title, "%sscore %.4f, %zu frames held", when.c_str(),
+                  (*evaluator)(extrinsic).total, buffer_.size());
+    return drawOverlay(*frame, extrinsic, config_.overlay_color, title);
+  };
+  if (!config_.overlay_compare || !comparison_start_) return draw("", T_camera_lidar);
+  cv::Mat picture;
+  cv::vconcat(draw("before: ", *comparison_start_), draw("after: ", T_camera_lidar), picture);
+  return picture;
+}
+
 void FramePipeline::publishPictures() {
   const auto current = keeper_.current();
   if (!newest_ || !current) return;
-  const Frame& frame = *newest_->frame;
   const Eigen::Isometry3d& T_camera_lidar = current->T_camera_lidar;
-  if (outputs_.overlay && outputs_.wants_overlay && outputs_.wants_overlay()) {
-    char title[96];
-    std::snprintf(title, sizeof title, "score %.4f, %zu frames held", newest_->score, buffer_.size());
-    const cv::Mat picture =
-        config_.overlay_compare && comparison_start_
-            ? drawBeforeAfter(frame, *comparison_start_, T_camera_lidar, config_.overlay_color)
-            : drawOverlay(frame, T_camera_lidar, config_.overlay_color, title);
-    outputs_.overlay(toImageMessage(picture, newest_->image_header));
-  }
+  if (outputs_.overlay && outputs_.wants_overlay && outputs_.wants_overlay())
+    outputs_.overlay(toImageMessage(overlay(newest_->frame, T_camera_lidar), newest_->image_header));
   if (outputs_.colored_points && outputs_.wants_colored_points && outputs_.wants_colored_points())
-    outputs_.colored_points(coloredPoints(frame, T_camera_lidar, newest_->cloud_header));
+    outputs_.colored_points(coloredPoints(*newest_->frame, T_camera_lidar, newest_->cloud_header));
 }
 
 void FramePipeline::describe(RecalibrationState& state) const {

@@ -49,6 +49,7 @@ class FramePipeline {
   FramePtr prepare(const FrameMessages& messages, const Eigen::Isometry3d& extrinsic, const FrameIds& ids);
   void score(const FrameMessages& messages, const FramePtr& frame, const Eigen::Isometry3d& extrinsic);
   void refuse(const FrameMessages& messages, std::uint64_t& counter, const std::string& reason);
+  cv::Mat overlay(const FramePtr& frame, const Eigen::Isometry3d& T_camera_lidar) const;
   void publish(CalibrationScore message, const FrameMessages& messages);
 
   const ServerConfig& config_;
@@ -64,7 +65,6 @@ class FramePipeline {
   struct Newest {
     FramePtr frame;
     std_msgs::Header image_header, cloud_header;
-    double score = 0.0;
   };
   std::optional<Newest> newest_;
   std::optional<Eigen::Isometry3d> comparison_start_;

@@ -88,7 +88,7 @@ ServerOutputs NodeInterface::advertise() {
     result_.publish(result);
     const std::lock_guard<std::mutex> lock(report_mutex_);
     last_result_accepted_ = result.accepted;
-    last_result_ = (result.accepted ? "accepted: " : "not accepted: ") + result.reason;
+    last_result_ = result.reason;
   };
   outputs.state = [this](const RecalibrationState& state) { state_.publish(state); };
   outputs.transform = [this](const geometry_msgs::TransformStamped& transform) {

@@ -377,7 +377,7 @@ void RecalibrationServer::Impl::finishSearch() {
   std::string note;
   if (outcome.accepted && job->request.dry_run) {
     outcome.accepted = false;
-    outcome.reason = "dry run, nothing was changed; otherwise accepted: " + outcome.reason;
+    outcome.reason = "dry run, nothing was changed: would be " + outcome.reason;
   } else if (outcome.accepted) {
     note = applyAccepted(outcome);
   }
@@ -472,11 +472,7 @@ void RecalibrationServer::Impl::endJob(const JobPtr& job, bool success, const Ca
   if (const auto current = keeper_.current()) frames = {current->camera_frame, current->lidar_frame};
   CalibrationResult result = toMessage(outcome, frames, search_stamp_);
   if (!note.empty()) result.reason += "; " + note;
-  ROS_INFO_STREAM_NAMED(name_, name_ << ": recalibration "
-                                     << (result.accepted    ? "accepted"
-                                         : result.cancelled ? "cancelled"
-                                                            : "not accepted")
-                                     << ": " << result.reason);
+  ROS_INFO_STREAM_NAMED(name_, name_ << ": recalibration " << result.reason);
   // The transform first: whoever acts on the answer finds it in tf.
   guarded("publishing the transform", [&] { publishTransform(); });
   guarded("publishing the result", [&] {

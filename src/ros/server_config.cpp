@@ -284,6 +284,11 @@ void checkTogether(const ServerConfig& config) {
     refuse("parameter frame/min_range = " + toText(config.frame.min_range) +
            " must be less than frame/max_range = " + toText(config.frame.max_range));
   }
+  if (config.frame.crop_margin_deg < config.calibrator.range.rotation_deg) {
+    refuse("parameter frame/crop_margin_deg = " + toText(config.frame.crop_margin_deg) +
+           " is less than search_range/rotation_deg = " + toText(config.calibrator.range.rotation_deg) +
+           "; points that the search needs would be cut away");
+  }
   if (config.tf_correct_parent.empty() != config.tf_correct_child.empty()) {
     refuse("parameters tf/correct_parent = " + quoted(config.tf_correct_parent) + " and tf/correct_child = " +
            quoted(config.tf_correct_child) + " name an edge of the tf tree together; set both or neither");
