@@ -33,12 +33,20 @@ bool FramePipeline::step() {
 
 void FramePipeline::collectReady() {
   // Masks faster than frames can be prepared: the newest ones matter, a growing lag helps nobody.
-  constexpr std::size_t kMaxReady = 8;
+  constexpr std::size_t kMaxReady = 16;
   while (auto messages = synchroniser_.next()) ready_.push_back(std::move(*messages));
-  while (ready_.size() > kMaxReady) {
+  while (ready_.size() > kMaxReady ||
+         (ready_.size() > 1 && readyBytes() > config_.synchroniser.max_bytes / 2)) {
     ready_.pop_front();
     ++dropped_late_;
   }
+}
+
+std::size_t FramePipeline::readyBytes() const {
+  std::size_t bytes = 0;
+  for (const FrameMessages& messages : ready_)
+    bytes += messages.image->data.size() + messages.cloud->data.size() + messages.masks->data.size();
+  return bytes;
 }
 
 void FramePipeline::clearCaches() {
@@ -138,7 +146,7 @@ void FramePipeline::describe(RecalibrationState& state) const {
   const SynchroniserCounts& counts = synchroniser_.counts();
   state.frames = static_cast<std::uint32_t>(buffer_.size());
   state.pending = static_cast<std::uint32_t>(synchroniser_.pending());
-  state.memory = synchroniser_.bytes() + buffer_.bytes();
+  state.memory = synchroniser_.bytes() + readyBytes() + buffer_.bytes();
   state.dropped_unmatched = counts.unmatched;
   state.dropped_no_masks = counts.no_masks;
   state.dropped_unknown_masks = counts.unknown_masks;

@@ -45,6 +45,7 @@ class FramePipeline {
 
  private:
   void collectReady();
+  std::size_t readyBytes() const;
   void process(const FrameMessages& messages);
   FramePtr prepare(const FrameMessages& messages, const Eigen::Isometry3d& extrinsic, const FrameIds& ids);
   void score(const FrameMessages& messages, const FramePtr& frame, const Eigen::Isometry3d& extrinsic);
