@@ -26,7 +26,7 @@ Every table of this page is written by `scripts/accuracy.py`.
 ## The paper's method on KITTI odometry 00
 
 The paper (Calib-Anything, its table of accuracy) states for KITTI an L2 error of 10.7 cm and 0.174 deg, Huber
-10.4 cm and 0.168 deg, without saying how large its initial errors were or how many frames a run used.
+10.4 cm and 0.168 deg; the initial errors and the number of frames behind these figures are not stated.
 
 {begin}
 {end}

@@ -118,7 +118,7 @@ std::unique_ptr<rosbag::Bag> openBag(const std::string& path) {
   } catch (const rosbag::BagUnindexedException&) {
     throw refuse("the bag has no index, its recording was interrupted; \"rosbag reindex\" repairs it");
   } catch (const std::exception& problem) {
-    throw refuse(std::string("this is not a readable ROS 1 bag (") + problem.what() + ")");
+    throw refuse(std::string("this is no ROS 1 bag, or it was cut short (") + problem.what() + ")");
   }
   return bag;
 }

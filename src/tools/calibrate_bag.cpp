@@ -306,8 +306,10 @@ std::string toJson(const CalibrationResult& result, const std::optional<Eigen::I
   return out.c_str();
 }
 
-void writeOverlay(const std::string& file, const FrameMessages& messages, const CalibrationResult& result,
-                  const ServerConfig& config) {
+void writeOverlay(const std::string& file, const std::optional<FrameMessages>& newest,
+                  const CalibrationResult& result, const ServerConfig& config) {
+  if (!newest) throw Error(ErrorCause::kNotEnough, "there is no frame to draw for --overlay");
+  const FrameMessages& messages = *newest;
   const FrameInputs inputs = readMessages(messages, config);
   const Eigen::Isometry3d before = isometry(result.start), after = isometry(result.transform);
   const FramePtr frame = makeFrame(messages.image->header.stamp.toSec(), inputs.camera, inputs.image,

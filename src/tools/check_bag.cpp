@@ -235,6 +235,10 @@ void checkTopic(Verdict& verdict, const Contents& contents, const std::string& p
                   " are earlier than the one before; each time the node would start over");
   }
   if (stats->frame_ids.size() > 1) verdict.wrong(part + ": several frame ids: " + join(stats->frame_ids));
+  // The masks' number of layers may change, a sensor's messages may not.
+  if (stats->kinds.size() > 1 && part != "masks") {
+    verdict.wrong(part + ": the messages of " + topic + " are not of one kind: " + join(stats->kinds));
+  }
   verdict.ok(part + ": " + topic + ", " + std::to_string(stats->stamps.size()) + " messages");
 }
 

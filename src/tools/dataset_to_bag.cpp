@@ -158,15 +158,20 @@ std::filesystem::path outputPath(const Options& options) {
   return (std::filesystem::absolute(options.folder) / "").parent_path().filename().string() + ".bag";
 }
 
+struct Written {
+  std::size_t frames = 0, with_masks = 0;
+  double newest_stamp = 0.0;  ///< [s]
+};
+
 void writeTruth(const std::filesystem::path& bag, const Dataset& dataset, const Options& options,
-                std::size_t frames, double stamp) {
+                const Written& written) {
   StoredCalibration truth;
   truth.T_camera_lidar = *dataset.reference();
   truth.camera_frame = kCameraFrame;
   truth.lidar_frame = kLidarFrame;
   truth.reason = "reference of the dataset";
-  truth.frames = frames;
-  truth.stamp = stamp;
+  truth.frames = written.frames;
+  truth.stamp = written.newest_stamp;
   truth.source = dataset.layout() + " dataset " + std::filesystem::path(options.folder).filename().string();
   std::filesystem::path file = bag;
   file.replace_extension(".truth.yaml");
@@ -174,37 +179,48 @@ void writeTruth(const std::filesystem::path& bag, const Dataset& dataset, const 
   std::cout << "Reference extrinsic: " << file.string() << '\n';
 }
 
-int convert(const Options& options) {
-  const auto dataset = Dataset::open(options.folder);
-  const std::vector<std::size_t> frames = selectedFrames(options, dataset->size());
-  const std::filesystem::path path = outputPath(options);
-  rosbag::Bag bag;
-  bag.open(path.string(), rosbag::bagmode::Write);
+Written writeBag(const std::string& path, const Dataset& dataset, const Options& options) {
+  const std::vector<std::size_t> frames = selectedFrames(options, dataset.size());
+  rosbag::Bag bag(path, rosbag::bagmode::Write);
   if (options.lz4) bag.setCompression(rosbag::compression::LZ4);
-
   ProgressBar progress;
-  std::size_t with_masks = 0;
-  double stamp = 0.0;
+  Written written;
   for (std::size_t i = 0; i < frames.size(); ++i) {
-    progress.show("writing " + path.filename().string(), double(i) / double(frames.size()));
-    stamp = dataset->stamp(frames[i]);
-    if (options.rate > 0.0) stamp = dataset->stamp(frames[0]) + double(i) / options.rate;
-    if (i == 0 && dataset->reference()) {
-      Eigen::Isometry3d guess = *dataset->reference();
+    progress.show("writing", double(i) / double(frames.size()));
+    double stamp = dataset.stamp(frames[i]);
+    if (options.rate > 0.0) stamp = dataset.stamp(frames[0]) + double(i) / options.rate;
+    if (i == 0 && dataset.reference()) {
+      Eigen::Isometry3d guess = *dataset.reference();
       if (options.perturb) {
         guess = perturbedBy(guess, options.perturb->first * kDegree, options.perturb->second, options.seed);
       }
       writeStaticTransform(bag, ros::Time(stamp), guess);
     }
-    with_masks += writeFrame(bag, *dataset, frames[i], stamp);
+    written.with_masks += writeFrame(bag, dataset, frames[i], stamp);
+    written.newest_stamp = std::max(written.newest_stamp, stamp);
   }
-  bag.close();
-  progress.show("writing " + path.filename().string(), 1.0);
-  progress.finish();
+  written.frames = frames.size();
+  progress.show("writing", 1.0);
+  return written;
+}
 
-  std::cout << path.string() << ": " << frames.size() << " frames of a " << dataset->layout() << " dataset, "
-            << with_masks << " with masks\n";
-  if (dataset->reference()) writeTruth(path, *dataset, options, frames.size(), stamp);
+int convert(const Options& options) {
+  const auto dataset = Dataset::open(options.folder);
+  const std::filesystem::path path = outputPath(options);
+  // Under its name stands a whole bag or none; `rosbag record` does the same.
+  const std::filesystem::path active = path.string() + ".active";
+  Written written;
+  try {
+    written = writeBag(active.string(), *dataset, options);
+    std::filesystem::rename(active, path);
+  } catch (...) {
+    std::error_code ignored;
+    std::filesystem::remove(active, ignored);
+    throw;
+  }
+  std::cout << path.string() << ": " << written.frames << " frames of a " << dataset->layout() << " dataset, "
+            << written.with_masks << " with masks\n";
+  if (dataset->reference()) writeTruth(path, *dataset, options, written);
   return kExitOk;
 }
 

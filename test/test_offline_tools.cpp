@@ -1,0 +1,177 @@
+// The programs themselves, as a user calls them: from a dataset folder to a bag to a result.
+
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <yaml-cpp/yaml.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <opencv2/imgcodecs.hpp>
+#include <sstream>
+
+#include "lidar_camera_recalibration/extrinsic.hpp"
+#include "lidar_camera_recalibration/result_file.hpp"
+
+namespace lidar_camera_recalibration {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Finished {
+  int status = -1;
+  std::string output;  ///< stdout and stderr
+};
+
+class OfflineToolsTest : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    std::string pattern = (fs::temp_directory_path() / "test_offline_tools_XXXXXX").string();
+    ASSERT_NE(mkdtemp(pattern.data()), nullptr);
+    folder_ = pattern;
+    data_ = fs::path(SHARED_DATA) / "kitti_00";
+    if (!fs::exists(data_)) return;
+    const Finished run =
+        call("dataset_to_bag '" + data_.string() + "' --every 5 --perturb 2 0.1 --seed 4 --lz4 --out k.bag");
+    ASSERT_EQ(run.status, 0) << run.output;
+  }
+  static void TearDownTestSuite() { fs::remove_all(folder_); }
+
+  /// In the test's folder.
+  static Finished call(const std::string& command) {
+    const fs::path log = folder_ / "log.txt";
+    const std::string line = "cd '" + folder_.string() + "' && '" + TOOL_DIR "/" +
+                             command.substr(0, command.find(' ')) + "'" + command.substr(command.find(' ')) +
+                             " > '" + log.string() + "' 2>&1";
+    const int status = std::system(line.c_str());
+    std::ostringstream text;
+    text << std::ifstream(log).rdbuf();
+    return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, text.str()};
+  }
+
+  static bool hasData() { return fs::exists(data_); }
+  static std::string path(const std::string& name) { return (folder_ / name).string(); }
+
+  static fs::path folder_, data_;
+};
+fs::path OfflineToolsTest::folder_, OfflineToolsTest::data_;
+
+#define NEEDS_DATA \
+  if (!hasData()) GTEST_SKIP() << "no real data: " << data_
+
+TEST_F(OfflineToolsTest, RealFramesAreCalibrated) {
+  NEEDS_DATA;
+  const Finished run = call(
+      "calibrate_bag k.bag --reference k.truth.yaml --out r.yaml --overlay o.png --json s.json --set "
+      "threads=2");
+  ASSERT_EQ(run.status, 0) << run.output;
+  const Eigen::Isometry3d reference = readCalibration((data_ / "calib.json").string()).T_camera_lidar;
+  const StoredCalibration result = readCalibration(path("r.yaml"));
+  EXPECT_TRUE(result.accepted);
+  EXPECT_EQ(result.frames, 5u);
+  EXPECT_EQ(result.camera_frame, "camera_optical_frame");
+  EXPECT_EQ(result.lidar_frame, "lidar");
+  EXPECT_TRUE(result.covariance);
+  // The start is 2 deg off; the paper's method leaves about 0.3 deg, and 10 cm along the flat directions.
+  const ExtrinsicError error = extrinsicError(result.T_camera_lidar, reference);
+  EXPECT_LT(error.angle(), 2.0 / 3.0 * kDegree);
+  EXPECT_LT(error.distance(), 0.2);
+
+  const YAML::Node summary = YAML::LoadFile(path("s.json"));
+  EXPECT_NEAR(summary["rotation_error_before_deg"].as<double>(), 2.0, 1e-6);
+  EXPECT_NEAR(summary["translation_error_before_m"].as<double>(), 0.1, 1e-6);
+  EXPECT_NEAR(summary["rotation_error_after_deg"].as<double>(), error.angle() / kDegree, 1e-6);
+  EXPECT_TRUE(summary["accepted"].as<bool>());
+  const cv::Mat overlay = cv::imread(path("o.png"));
+  EXPECT_GE(overlay.cols, 1241);
+  EXPECT_GE(overlay.rows, 2 * 376);
+}
+
+TEST_F(OfflineToolsTest, RejectedResultsSaySo) {
+  NEEDS_DATA;
+  const Finished run = call(
+      "calibrate_bag k.bag --initial k.truth.yaml --out rejected.yaml --min-frames 2 --set gate/min_gain=0.9"
+      " --set search_range/rotation_deg=0.5 --set paper/refine_evaluations=100");
+  EXPECT_EQ(run.status, 3) << run.output;
+  const StoredCalibration result = readCalibration(path("rejected.yaml"));
+  EXPECT_FALSE(result.accepted);
+  EXPECT_FALSE(result.reason.empty());
+}
+
+TEST_F(OfflineToolsTest, TooFewFrames) {
+  NEEDS_DATA;
+  const Finished run = call("calibrate_bag k.bag --min-frames 6 --out none.yaml");
+  EXPECT_EQ(run.status, 1);
+  EXPECT_NE(run.output.find("only 5 of 6 frames"), std::string::npos) << run.output;
+  EXPECT_FALSE(fs::exists(path("none.yaml")));
+}
+
+TEST_F(OfflineToolsTest, CheckBagFindsWhatIsMissing) {
+  NEEDS_DATA;
+  EXPECT_EQ(call("check_bag k.bag").status, 0);
+  const Finished few = call("check_bag k.bag --min-frames 6");
+  EXPECT_EQ(few.status, 1);
+  EXPECT_NE(few.output.find("wrong: 5 complete frames, 6 are needed"), std::string::npos) << few.output;
+  const Finished no_masks = call("check_bag k.bag --masks /nowhere");
+  EXPECT_EQ(no_masks.status, 1);
+  EXPECT_NE(no_masks.output.find("missing: masks"), std::string::npos) << no_masks.output;
+  // An image of another topic as masks: the content gives it away.
+  const Finished wrong_masks = call("check_bag k.bag --masks /camera/image_raw");
+  EXPECT_EQ(wrong_masks.status, 1);
+  EXPECT_NE(wrong_masks.output.find("wrong: masks"), std::string::npos) << wrong_masks.output;
+}
+
+TEST_F(OfflineToolsTest, EvaluationDoesNotDependOnThreads) {
+  NEEDS_DATA;
+  const std::string command =
+      "evaluate '" + data_.string() +
+      "' --frames 1 --trials 2 --start-rotation-deg 0.5 --start-translation-m 0.02 --frame-set odd"
+      " --set paper/refine_evaluations=100";
+  const Finished one = call(command + " --threads 1 --csv one.csv --json one.json");
+  ASSERT_EQ(one.status, 0) << one.output;
+  ASSERT_EQ(call(command + " --threads 2 --csv two.csv").status, 0);
+  std::ostringstream first, second;
+  first << std::ifstream(path("one.csv")).rdbuf();
+  second << std::ifstream(path("two.csv")).rdbuf();
+  EXPECT_EQ(first.str(), second.str());
+  EXPECT_GT(first.str().size(), 200u);
+  const YAML::Node figures = YAML::LoadFile(path("one.json"));
+  EXPECT_EQ(figures["method"].as<std::string>(), "paper");
+  EXPECT_EQ(figures["trials"].as<int>(), 2);
+  for (const char* error : {"rotation_deg", "translation_m"}) {
+    const double median = figures[error]["median"].as<double>(), p90 = figures[error]["p90"].as<double>();
+    EXPECT_GT(median, 0.0);
+    EXPECT_GE(p90, median);
+    EXPECT_NEAR(figures[error]["mean"].as<double>(), median, 1e-6);  // of two values
+  }
+  EXPECT_GT(figures["cpu_seconds_per_run"].as<double>(), 0.0);
+}
+
+TEST_F(OfflineToolsTest, WrongUseAndBadInput) {
+  std::ofstream(path("no.bag")) << "no bag";
+  for (const std::string tool : {"calibrate_bag", "check_bag", "dataset_to_bag", "evaluate"}) {
+    EXPECT_EQ(call(tool + " --help").status, 0) << tool;
+    EXPECT_EQ(call(tool + " --unknown").status, 2) << tool;
+    EXPECT_EQ(call(tool + " nowhere").status, 1) << tool;
+  }
+  const Finished bad = call("calibrate_bag no.bag");
+  EXPECT_EQ(bad.status, 1);
+  EXPECT_NE(bad.output.find("no.bag"), std::string::npos) << bad.output;
+}
+
+TEST_F(OfflineToolsTest, NoHalfBagIsLeftBehind) {
+  NEEDS_DATA;
+  const fs::path broken = folder_ / "broken";
+  fs::create_directories(broken / "images");
+  fs::create_directories(broken / "pc");
+  fs::copy(data_ / "calib.json", broken / "calib.json");
+  fs::copy(data_ / "images" / "000000.png", broken / "images" / "000000.png");
+  std::ofstream(broken / "pc" / "000000.pcd") << "no cloud";
+  const Finished run = call("dataset_to_bag broken --out broken.bag");
+  EXPECT_EQ(run.status, 1);
+  EXPECT_NE(run.output.find("000000.pcd"), std::string::npos) << run.output;
+  EXPECT_FALSE(fs::exists(path("broken.bag")));
+}
+
+}  // namespace
+}  // namespace lidar_camera_recalibration
