@@ -12,6 +12,7 @@
 
 #include "lidar_camera_recalibration/extrinsic.hpp"
 #include "lidar_camera_recalibration/result_file.hpp"
+#include "perturbation.hpp"
 
 namespace lidar_camera_recalibration {
 namespace {
@@ -76,6 +77,11 @@ TEST_F(OfflineToolsTest, RealFramesAreCalibrated) {
   const ExtrinsicError error = extrinsicError(result.T_camera_lidar, reference);
   EXPECT_LT(error.angle(), 2.0 / 3.0 * kDegree);
   EXPECT_LT(error.distance(), 0.2);
+  const Eigen::Isometry3d start = perturbedBy(reference, 2.0 * kDegree, 0.1, 4);
+  const auto shift = [&](const Eigen::Isometry3d& T) {
+    return pixelShift(T, reference, 15.0, 718.856, 1241);
+  };
+  EXPECT_LT(shift(result.T_camera_lidar), shift(start) / 3.0);
 
   const YAML::Node summary = YAML::LoadFile(path("s.json"));
   EXPECT_NEAR(summary["rotation_error_before_deg"].as<double>(), 2.0, 1e-6);
