@@ -227,11 +227,13 @@ TEST(PaperObjective, NothingInViewScoresZero) {
 TEST(PaperObjective, ScoresOnlyPointsInViewUnderAllGivenExtrinsics) {
   const std::vector<RandomFrame> frames = {RandomFrame(6)};
   std::vector<RandomFrame> expected = frames;
-  // By hand: keep the points whose pixel is inside under both extrinsics.
+  // By hand: keep the points whose pixel is well inside under both extrinsics.
   const auto inside = [&](const Eigen::Isometry3d& T, const Eigen::Vector3d& point) {
     const auto pixel = frames[0].frame->camera.project(T * point);
-    return pixel && std::lround(pixel->x()) >= 0 && std::lround(pixel->y()) >= 0 &&
-           std::lround(pixel->x()) < RandomFrame::kWidth && std::lround(pixel->y()) < RandomFrame::kHeight;
+    const double margin = 0.06 * RandomFrame::kHeight - 0.5;  // pixel centres are at integers
+    return pixel && pixel->x() >= margin && pixel->y() >= margin &&
+           pixel->x() < RandomFrame::kWidth - 1.0 - margin &&
+           pixel->y() < RandomFrame::kHeight - 1.0 - margin;
   };
   const FramePoints& all = frames[0].frame->points;
   FramePoints kept;

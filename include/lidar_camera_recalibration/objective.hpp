@@ -43,8 +43,8 @@ class Objective {
  public:
   virtual ~Objective() = default;
 
-  /// @param in_view  score only points that lie in the image under each of these extrinsics; empty: all
-  /// points. Scores
+  /// @param in_view  score only points that lie well inside the image under each of these extrinsics; empty:
+  /// all points. Scores
   ///   are means, so without this a candidate could raise its score by moving easy points, road above all,
   ///   into the image instead of bringing points and masks together.
   virtual std::unique_ptr<Evaluator> evaluator(const Frames& frames, const Views& in_view) const = 0;

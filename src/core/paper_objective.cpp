@@ -52,6 +52,10 @@ struct MaskSums {
   std::uint32_t points, points_with_normal;
 };
 
+/// Share of the image's height by which points must lie inside to be scored (see Objective::evaluator):
+/// candidates near the one that bounds the view then lose no point over the border either.
+constexpr float kViewMargin = 0.06f;
+
 /// What the inner loop reads of a frame: the points to be scored, as structure of arrays.
 struct PreparedFrame {
   FramePtr frame;
@@ -79,18 +83,30 @@ class Projection {
 
   /// @return false if the point is not in the image
   bool operator()(float x, float y, float z, std::size_t& u, std::size_t& v) const {
-    constexpr float kMinDepth = 0.1f;
-    const float depth = P_(2, 0) * x + P_(2, 1) * y + P_(2, 2) * z + P_(2, 3);
-    if (!(depth > kMinDepth)) return false;
-    const float up = (P_(0, 0) * x + P_(0, 1) * y + P_(0, 2) * z + P_(0, 3)) / depth;
-    const float vp = (P_(1, 0) * x + P_(1, 1) * y + P_(1, 2) * z + P_(1, 3)) / depth;
-    if (!(up >= 0.0f && up < width_ && vp >= 0.0f && vp < height_)) return false;
+    float up, vp;
+    if (!project(x, y, z, up, vp) || !(up >= 0.0f && up < width_ && vp >= 0.0f && vp < height_)) return false;
     u = static_cast<std::size_t>(up);
     v = static_cast<std::size_t>(vp);
     return true;
   }
 
+  /// In the image, and not nearer to its border than `margin` [px].
+  bool wellInside(float x, float y, float z, float margin) const {
+    float u, v;
+    return project(x, y, z, u, v) && u >= margin && u < width_ - margin && v >= margin &&
+           v < height_ - margin;
+  }
+
  private:
+  bool project(float x, float y, float z, float& u, float& v) const {
+    constexpr float kMinDepth = 0.1f;
+    const float depth = P_(2, 0) * x + P_(2, 1) * y + P_(2, 2) * z + P_(2, 3);
+    if (!(depth > kMinDepth)) return false;
+    u = (P_(0, 0) * x + P_(0, 1) * y + P_(0, 2) * z + P_(0, 3)) / depth;
+    v = (P_(1, 0) * x + P_(1, 1) * y + P_(1, 2) * z + P_(1, 3)) / depth;
+    return true;
+  }
+
   Eigen::Matrix<float, 3, 4> P_;
   float width_, height_;
 };
@@ -124,12 +140,12 @@ class PaperEvaluator : public Evaluator {
     const FramePoints& points = frame->points;
     std::vector<Projection> views;
     for (const Eigen::Isometry3d& T : in_view) views.emplace_back(frame->camera.intrinsics(), T);
+    const float margin = kViewMargin * static_cast<float>(frame->camera.intrinsics().height);
     PreparedFrame prepared;
     prepared.frame = frame;
     for (std::size_t i = 0; i < points.size(); ++i) {
-      std::size_t u, v;
       const auto sees = [&](const Projection& view) {
-        return view(points.x[i], points.y[i], points.z[i], u, v);
+        return view.wellInside(points.x[i], points.y[i], points.z[i], margin);
       };
       if (!std::all_of(views.begin(), views.end(), sees)) continue;
       prepared.x.push_back(points.x[i]);
