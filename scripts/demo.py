@@ -185,7 +185,7 @@ summary                %s""" % (
         before[0], after[0], before[1], after[1], result.score_before, result.score_after, result.reason,
         result.frames, result.evaluations, result.duration, picture or "none was published",
         os.path.join(folder, "result.yaml"), os.path.join(folder, "summary.json")))
-    return result.accepted and after[0] < before[0]
+    return result.accepted and after[0] < before[0] / 3
 
 
 def main():

@@ -582,6 +582,10 @@ void RecalibrationServer::addMasks(const sensor_msgs::ImageConstPtr& masks) {
   impl_->add(masks->data.size(), [masks](FrameSynchroniser& synchroniser) { synchroniser.addMasks(masks); });
 }
 
+void RecalibrationServer::flush() {
+  impl_->add(0, [](FrameSynchroniser& synchroniser) { synchroniser.flush(); });
+}
+
 void RecalibrationServer::timeJumpedBack() { impl_->clearCaches(); }
 
 Recalibrate::Response RecalibrationServer::recalibrate(const Recalibrate::Request& request) {
