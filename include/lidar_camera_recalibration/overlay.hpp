@@ -13,7 +13,8 @@ enum class OverlayColor { kDepth, kReflectivity, kNormal, kSegment, kMask };
 /// `depth`, `reflectivity`, `normal`, `segment` or `mask`. @throw Error(kParameter) naming the value.
 OverlayColor overlayColorFromName(const std::string& name);
 
-/// The frame's points drawn over its image as it was taken (BGR), nearest on top, hidden points left out, with a legend and a title.
+/// The frame's points drawn over its image as it was taken (BGR), nearest on top, hidden points left out,
+/// with a legend and a title.
 /// @throw Error(kImage) if the frame has no image.
 cv::Mat drawOverlay(const Frame& frame, const Eigen::Isometry3d& T_camera_lidar, OverlayColor color,
                     const std::string& title = "");

@@ -18,14 +18,16 @@ struct StoredCalibration {
   bool accepted = true;
   std::string reason;
   std::size_t frames = 0;
-  double stamp = 0.0;        ///< when it was calibrated: stamp of the newest frame [s]
-  std::string source;        ///< provenance: node name or bag files
+  double stamp = 0.0;  ///< when it was calibrated: stamp of the newest frame [s]
+  std::string source;  ///< provenance: node name or bag files
 };
 
-/// YAML text: the 4x4, quaternion, xyz/rpy, a ready static_transform_publisher line, a URDF <origin>, covariance and provenance.
+/// YAML text: the 4x4, quaternion, xyz/rpy, a ready static_transform_publisher line, a URDF <origin>,
+/// covariance and provenance.
 std::string toYaml(const StoredCalibration& calibration);
 
-/// Reads T_camera_lidar and whatever else is there; also accepts CalibAnything's calib.json (`T_lidar_to_cam`).
+/// Reads T_camera_lidar and whatever else is there; also accepts CalibAnything's calib.json
+/// (`T_lidar_to_cam`).
 /// @throw Error(kFile) naming the file and what is wrong with it.
 StoredCalibration readCalibration(const std::string& path);
 

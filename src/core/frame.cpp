@@ -104,18 +104,6 @@ MaskSets idealMasks(const Camera& camera, const std::vector<cv::Mat>& layers, in
   return masks;
 }
 
-void checkCloud(const PointCloud& cloud) {
-  if (cloud.points.empty()) {
-    throw Error(ErrorCause::kCloud,
-                "The point cloud is empty: check that the LiDAR driver publishes points.");
-  }
-  if (cloud.hasReflectivity() && cloud.reflectivity.size() != cloud.size()) {
-    throw Error(ErrorCause::kCloud, "The point cloud has " + std::to_string(cloud.size()) + " points but " +
-                                        std::to_string(cloud.reflectivity.size()) +
-                                        " reflectivity values: give one for each point, or none.");
-  }
-}
-
 // The points within the range limits that come into the image by some rotation within the margin.
 PointCloud crop(const PointCloud& cloud, const FieldOfView& field, const Eigen::Isometry3d& guess,
                 const FrameConfig& config) {

@@ -232,7 +232,7 @@ void segment(const std::vector<Eigen::Vector3f>& points, const LidarFeatureConfi
   numberBySize(clusters(*cloud, config, remaining), features);
 }
 
-LidarFeatures computeLidarFeatures(const PointCloud& cloud, const LidarFeatureConfig& config) {
+void checkCloud(const PointCloud& cloud) {
   if (cloud.points.empty()) {
     throw Error(ErrorCause::kCloud,
                 "The point cloud is empty: check that the LiDAR driver publishes points.");
@@ -242,6 +242,10 @@ LidarFeatures computeLidarFeatures(const PointCloud& cloud, const LidarFeatureCo
                                         std::to_string(cloud.reflectivity.size()) +
                                         " reflectivity values: give one for each point, or none.");
   }
+}
+
+LidarFeatures computeLidarFeatures(const PointCloud& cloud, const LidarFeatureConfig& config) {
+  checkCloud(cloud);
   LidarFeatures features;
   features.normals = estimateNormals(cloud.points, config.normal_neighbours);
   features.reflectivity = normaliseReflectivity(cloud.reflectivity, config.reflectivity_quantile);
