@@ -11,6 +11,9 @@ namespace {
 
 using Indices = std::vector<std::size_t>;
 
+// A laser may start so far from the origin of the cloud; this shifts its rays' directions [m].
+constexpr float kMaxLaserHeight = 0.25f;
+
 constexpr std::size_t kMinRings = 4;
 constexpr std::size_t kMaxRings = 512;
 constexpr std::size_t kMinRingPoints = 10;
@@ -108,6 +111,9 @@ std::vector<std::uint16_t> ringsFromElevation(const std::vector<Eigen::Vector3f>
 struct Ring {
   Indices points;
   float elevation = 0.0f;  // median [rad]
+  // The lasers do not all start at the origin of the cloud. At the horizontal distance h the ring is at
+  // z = height + slope * h.
+  float height = 0.0f, slope = 0.0f;  // [m], [m/m]
   float step = 0.0f;       // median distance of neighbours in azimuth [rad]
 };
 
@@ -149,16 +155,49 @@ class EdgeFinder {
       }
       ring.elevation = median(std::move(elevations));
       ring.step = median(std::move(steps));
+      fitCone(ring);
       rings_.push_back(std::move(ring));
     }
-    std::stable_sort(rings_.begin(), rings_.end(),
-                     [](const Ring& a, const Ring& b) { return a.elevation < b.elevation; });
+    // Sensors number their rings by elevation, which is more reliable than the measured one; but not all do.
+    const auto rises = [](const Ring& a, const Ring& b) { return a.elevation < b.elevation; };
+    std::size_t rising = 0;
+    for (std::size_t r = 1; r < rings_.size(); ++r) rising += rises(rings_[r - 1], rings_[r]);
+    if (10 * rising < 2 * rings_.size()) {
+      std::reverse(rings_.begin(), rings_.end());
+    } else if (10 * rising < 8 * rings_.size()) {
+      std::stable_sort(rings_.begin(), rings_.end(), rises);
+    }
+  }
+
+  // Height and slope by least squares of z/h = slope + height/h. The height stays near 0 where a ring has met
+  // only one distance.
+  void fitCone(Ring& ring) const {
+    constexpr double kNoise = 0.001, kHeight = 0.1;  // of z/h; usual height [m]
+    double n = 0.0, sx = 0.0, sy = 0.0, sxx = 0.0, sxy = 0.0;
+    for (const std::size_t i : ring.points) {
+      const auto& p = cloud_.points[i];
+      const double x = 1.0 / std::max(0.1, std::hypot<double>(p.x(), p.y())), y = p.z() * x;
+      n += 1.0;
+      sx += x;
+      sy += y;
+      sxx += x * x;
+      sxy += x * y;
+    }
+    const double height =
+        (sxy - sx * sy / n) / (sxx - sx * sx / n + kNoise * kNoise / (kHeight * kHeight));
+    ring.height = static_cast<float>(height);
+    ring.slope = static_cast<float>((sy - height * sx) / n);
   }
 
   // Neighbours of one ring. A point that was given the wrong ring shows in its elevation.
   bool adjacent(const Ring& ring, std::size_t a, std::size_t b) const {
     return std::abs(azimuth_[a] - azimuth_[b]) <= kMaxSteps * ring.step &&
-           std::abs(elevation_[a] - elevation_[b]) <= ring.step;
+           std::abs(elevation_[a] - elevation_[b]) <= ring.step + parallax(a, b);
+  }
+
+  // Between the elevations of two points of one laser [rad].
+  float parallax(std::size_t a, std::size_t b) const {
+    return kMaxLaserHeight * std::abs(1.0f / range_[a] - 1.0f / range_[b]);
   }
 
   static float gapAt(float range) { return std::max(kAzimuthGap, kRelativeAzimuthGap * range); }
@@ -184,7 +223,8 @@ class EdgeFinder {
       if (gap <= gapAt(std::min(range_[a], range_[b])) || !adjacent(ring, a, b)) continue;
       const bool first = range_[a] < range_[b];
       if (!smooth(ring, first ? k : k + 1, first ? -1 : 1, kSmooth)) continue;
-      addGap(first ? a : b, first ? b : a, 1.0f, EdgePoints::Kind::kAzimuthGap);
+      const std::size_t near = first ? a : b, far = first ? b : a;
+      addGap(near, far, cloud_.points[near].z(), 1.0f, EdgePoints::Kind::kAzimuthGap);
     }
   }
 
@@ -227,21 +267,26 @@ class EdgeFinder {
       const auto distance = [&](std::size_t n) { return std::abs(azimuth_[upper.points[n]] - azimuth_[a]); };
       while (k + 1 < upper.points.size() && distance(k + 1) <= distance(k)) ++k;
       const std::size_t b = upper.points[k];
-      if (distance(k) > reach || std::abs(elevation_[b] - elevation_[a]) > limit) continue;
+      if (distance(k) > reach || std::abs(elevation_[b] - elevation_[a]) > limit + parallax(a, b)) continue;
       const std::size_t near = range_[a] < range_[b] ? a : b, far = range_[a] < range_[b] ? b : a;
       if (range_[far] - range_[near] <= std::max(kRingGap, kRelativeRingGap * range_[near])) continue;
       if (features_.segment[near] == features_.segment[far]) continue;
       if (std::abs(features_.normals[near].z()) >= kMaxUpward) continue;
-      addGap(near, far, kRingWeight, EdgePoints::Kind::kRingGap);
+      // Half way to where the other ring would meet the nearer surface.
+      const Ring& other = near == a ? upper : lower;
+      const float height = other.height + other.slope * std::hypot(cloud_.points[near].x(), cloud_.points[near].y());
+      addGap(near, far, 0.5f * (cloud_.points[near].z() + height), kRingWeight, EdgePoints::Kind::kRingGap);
     }
   }
 
   // The silhouette runs somewhere between the two samples, at the distance of the nearer one.
-  void addGap(std::size_t near, std::size_t far, float weight, EdgePoints::Kind kind) {
+  // z: its height [m]
+  void addGap(std::size_t near, std::size_t far, float z, float weight, EdgePoints::Kind kind) {
     if (!visible(near)) return;
-    const Eigen::Vector3f direction =
-        (cloud_.points[near] / range_[near] + cloud_.points[far] / range_[far]).normalized();
-    add(range_[near] * direction, weight * std::min(1.0f, (range_[far] - range_[near]) / kFullGap), kind);
+    Eigen::Vector3f point = cloud_.points[near];
+    const float turn = 0.5f * (azimuth_[far] - azimuth_[near]), sine = std::sin(turn), cosine = std::cos(turn);
+    point << cosine * point.x() - sine * point.y(), sine * point.x() + cosine * point.y(), z;
+    add(point, weight * std::min(1.0f, (range_[far] - range_[near]) / kFullGap), kind);
   }
 
   void add(const Eigen::Vector3f& point, float weight, EdgePoints::Kind kind) {
