@@ -21,8 +21,8 @@ struct Score {
 };
 
 struct ObjectiveConfig {
-  /// `paper`: the consistency score of Calib-Anything; `edges`: LiDAR edges on the borders of the masks, which
-  /// has no weights
+  /// `paper`: the consistency score of Calib-Anything; `edges`: LiDAR edges on the borders of the masks,
+  /// which has no weights
   std::string objective = "paper";
   double weight_reflectivity =
       1.0 / 3.0;                      ///< w_R; shared out to the others where a cloud has no reflectivity

@@ -17,8 +17,8 @@ struct SearchRange {
 };
 
 struct SearchConfig {
-  /// `paper`: brute-force rotation grid, then random refinement; `coarse_to_fine`: for objective `edges`; needs
-  /// none of the numbers below but the threads
+  /// `paper`: brute-force rotation grid, then random refinement; `coarse_to_fine`: for objective `edges`;
+  /// needs none of the numbers below but the threads
   std::string search = "paper";
   double grid_step_deg = 1.0;     ///< stride of the brute-force rotation search
   int refine_evaluations = 4000;  ///< random candidates of the refinement

@@ -12,28 +12,40 @@ namespace {
 constexpr float kDistanceScale = 256.0f;  // of the stored distances: 0 to 255 px
 constexpr float kClosenessScale = 127.0f;
 
+// Borders, and how strongly the image changes along u and along v around each pixel.
+struct Borders {
+  cv::Mat pixels;              // CV_8UC1, 255 on borders
+  cv::Mat change_u, change_v;  // CV_32FC1
+};
+
 // Both pixels at each change of the set of masks.
-cv::Mat changes(const cv::Mat& sets) {
-  cv::Mat result = cv::Mat::zeros(sets.size(), CV_8UC1);
-  const int w = sets.cols - 1, h = sets.rows - 1;
-  if (w < 1 || h < 1) return result;
-  const std::array<std::array<cv::Rect, 2>, 2> neighbours = {
-      {{cv::Rect(0, 0, w, h + 1), cv::Rect(1, 0, w, h + 1)},
-       {cv::Rect(0, 0, w + 1, h), cv::Rect(0, 1, w + 1, h)}}};
-  for (const auto& [here, there] : neighbours) {
-    const cv::Mat differs = sets(here) != sets(there);
+Borders maskBorders(const cv::Mat& sets) {
+  Borders borders{cv::Mat::zeros(sets.size(), CV_8UC1), {}, {}};
+  const int w = sets.cols, h = sets.rows;
+  const auto changes = [&](const cv::Rect& here, const cv::Rect& there) {
+    cv::Mat result = cv::Mat::zeros(sets.size(), CV_8UC1), differs = sets(here) != sets(there);
     cv::bitwise_or(result(here), differs, result(here));
     cv::bitwise_or(result(there), differs, result(there));
-  }
-  return result;
+    cv::bitwise_or(borders.pixels, result, borders.pixels);
+    result.convertTo(result, CV_32FC1);
+    return result;
+  };
+  borders.change_u = changes({0, 0, w - 1, h}, {1, 0, w - 1, h});
+  borders.change_v = changes({0, 0, w, h - 1}, {0, 1, w, h - 1});
+  return borders;
 }
 
-cv::Mat intensityEdges(const cv::Mat& ideal_image) {
+Borders intensityEdges(const cv::Mat& ideal_image) {
   constexpr double kSigma = 1.0, kLow = 30.0, kHigh = 80.0;
-  cv::Mat grey, edges;
+  Borders edges;
+  cv::Mat grey;
   cv::cvtColor(ideal_image, grey, cv::COLOR_BGR2GRAY);
   cv::GaussianBlur(grey, grey, cv::Size(), kSigma);
-  cv::Canny(grey, edges, kLow, kHigh, 3, true);
+  cv::Canny(grey, edges.pixels, kLow, kHigh, 3, true);
+  cv::Sobel(grey, edges.change_u, CV_32F, 1, 0);
+  cv::Sobel(grey, edges.change_v, CV_32F, 0, 1);
+  edges.change_u = edges.change_u.mul(edges.change_u);
+  edges.change_v = edges.change_v.mul(edges.change_v);
   return edges;
 }
 
@@ -86,23 +98,21 @@ struct Bilinear {
 }  // namespace
 
 std::array<cv::Mat, BoundaryField::kDirections> maskBoundaries(const Frame& frame) {
-  cv::Mat borders = changes(frame.masks.setOfPixel());
+  Borders borders = maskBorders(frame.masks.setOfPixel());
   if (!frame.image.empty()) {
-    const cv::Mat ideal =
-        frame.camera.distorted() ? frame.camera.toIdeal(frame.image, cv::INTER_LINEAR) : frame.image;
     constexpr double kReach = 3.0;  // [px]
-    cv::Mat within = distanceTo(borders) <= kReach;
-    cv::bitwise_and(within, intensityEdges(ideal), borders);
+    const cv::Mat within = distanceTo(borders.pixels) <= kReach;
+    borders = intensityEdges(frame.camera.distorted() ? frame.camera.toIdeal(frame.image, cv::INTER_LINEAR)
+                                                      : frame.image);
+    cv::bitwise_and(borders.pixels, within, borders.pixels);
   }
-  // Second moments of the borders around each pixel: an upright one extends along v.
-  const cv::Mat squares = (cv::Mat_<float>(7, 1) << 9, 4, 1, 0, 1, 4, 9), ones = cv::Mat::ones(7, 1, CV_32FC1);
-  cv::Mat along_u, along_v, binary;
-  borders.convertTo(binary, CV_32FC1, 1.0 / 255.0);
-  cv::sepFilter2D(binary, along_u, CV_32F, squares, ones, cv::Point(-1, -1), 0.0, cv::BORDER_CONSTANT);
-  cv::sepFilter2D(binary, along_v, CV_32F, ones, squares, cv::Point(-1, -1), 0.0, cv::BORDER_CONSTANT);
+  // An upright border is one that is crossed along u.
+  const cv::Size window(7, 7);
+  cv::boxFilter(borders.change_u, borders.change_u, CV_32F, window);
+  cv::boxFilter(borders.change_v, borders.change_v, CV_32F, window);
   std::array<cv::Mat, BoundaryField::kDirections> result;
-  cv::bitwise_and(borders, along_v >= along_u, result[BoundaryField::kUpright]);
-  cv::bitwise_and(borders, along_v < along_u, result[BoundaryField::kLevel]);
+  cv::bitwise_and(borders.pixels, borders.change_u >= borders.change_v, result[BoundaryField::kUpright]);
+  cv::bitwise_and(borders.pixels, borders.change_u < borders.change_v, result[BoundaryField::kLevel]);
   return result;
 }
 
@@ -140,8 +150,8 @@ BoundaryField::Distance BoundaryField::distance(Direction direction, float u, fl
   const float top_du = static_cast<float>(top[1] - top[0]);
   const float bottom_du = static_cast<float>(bottom[1] - bottom[0]);
   const float upper = top[0] + at.a * top_du, lower = bottom[0] + at.a * bottom_du;
-  return {(upper + at.b * (lower - upper)) / kDistanceScale, (top_du + at.b * (bottom_du - top_du)) / kDistanceScale,
-          (lower - upper) / kDistanceScale, true};
+  return {(upper + at.b * (lower - upper)) / kDistanceScale,
+          (top_du + at.b * (bottom_du - top_du)) / kDistanceScale, (lower - upper) / kDistanceScale, true};
 }
 
 }  // namespace lidar_camera_recalibration

@@ -24,26 +24,26 @@ class BoundaryField {
   /// @param fx  focal length [px]
   BoundaryField(const std::array<cv::Mat, kDirections>& boundaries, double fx);
 
-  /// B = exp(-D^2 / 2 sigma^2) minus its own blur over 5 sigma, D the distance to the nearest border: near 1 on
-  /// a lonely border, about 0 where borders are dense or far. Bilinear; 0 outside.
+  /// B = exp(-D^2 / 2 sigma^2) minus its own blur over 5 sigma, D the distance to the nearest border: near 1
+  /// on a lonely border, about 0 where borders are dense or far. Bilinear; 0 outside.
   /// @param level  of kBoundaryWidths
   float closeness(Direction direction, std::size_t level, float u, float v) const;
 
   struct Distance {
-    float value = 0.0f;         ///< D [px]
+    float value = 0.0f;          ///< D [px]
     float du = 0.0f, dv = 0.0f;  ///< its derivatives
     bool inside = false;
   };
   Distance distance(Direction direction, float u, float v) const;
 
  private:
-  std::array<cv::Mat, kDirections> distance_;                              ///< CV_16UC1 [px / kDistanceScale]
+  std::array<cv::Mat, kDirections> distance_;  ///< CV_16UC1 [px / kDistanceScale]
   std::array<std::array<cv::Mat, kBoundaryLevels>, kDirections> closeness_;  ///< CV_8SC1 [1 / 127]
 };
 
-/// The borders of the frame's masks in the ideal image, upright and level ones apart, CV_8UC1, 255 on borders.
-/// Where there is an image they are moved to its intensity edges within 3 px and left out where it has none: a
-/// segmenter's borders are off by a pixel or two, and systematically.
+/// The borders of the frame's masks in the ideal image, upright and level ones apart, CV_8UC1, 255 on
+/// borders. Where there is an image they are moved to its intensity edges within 3 px and left out where it
+/// has none: a segmenter's borders are off by a pixel or two, and systematically.
 std::array<cv::Mat, BoundaryField::kDirections> maskBoundaries(const Frame& frame);
 
 }  // namespace lidar_camera_recalibration

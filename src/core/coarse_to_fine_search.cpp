@@ -20,9 +20,9 @@ constexpr std::size_t kCandidates = 30;
 constexpr double kCandidateDistance = 0.9 * kDegree;
 constexpr std::size_t kFinalists = 5;
 
-// Edges come in rows from the same borders, so they are worth far fewer independent measurements: the plain
-// Hessian states errors that are 4 to 22 times too small. This is about the square of that.
-constexpr double kEdgesPerMeasurement = 100.0;
+// Edges come in rows from the same borders, so they are worth fewer independent measurements. Tuned on real
+// frames: ten times more, and the prior pulls the result to the start; ten times less, and it has no say.
+constexpr double kEdgesPerMeasurement = 10.0;
 constexpr double kMinTranslationSigma = 0.03;     // of the prior [m]
 constexpr double kRefineTranslationSigma = 0.2;   // weak, so that a scatter of refinements is visible [m]
 constexpr double kRotationSigma = 5.0 * kDegree;  // only keeps the equations solvable
@@ -34,7 +34,8 @@ struct Prior {
   double translation_sigma;  // [m]
   double limit;              // of the shift on each axis [m]
 
-  /// Translation that the start would have after the rotation of T alone: the extrinsic turns about the camera.
+  /// Translation that the start would have after the rotation of T alone: the extrinsic turns about the
+  /// camera.
   Eigen::Vector3d turned(const Eigen::Isometry3d& T) const {
     return T.linear() * start.linear().transpose() * start.translation();
   }
@@ -64,8 +65,8 @@ struct Optimum {
 /// Gauss-Newton at one width after the other until the steps are small.
 Optimum descend(const EdgeEvaluator& evaluator, const Prior& prior, Eigen::Isometry3d T,
                 std::initializer_list<std::size_t> levels) {
-  constexpr double kMaxRotation = 0.5 * kDegree, kMaxTranslation = 0.1;            // of a step [rad, m]
-  constexpr double kFineRotation = 0.002 * kDegree, kFineTranslation = 0.0005;     // small enough to stop
+  constexpr double kMaxRotation = 0.5 * kDegree, kMaxTranslation = 0.1;         // of a step [rad, m]
+  constexpr double kFineRotation = 0.002 * kDegree, kFineTranslation = 0.0005;  // small enough to stop
   std::size_t evaluations = 0;
   for (const std::size_t level : levels) {
     // A wide border only has to lead into the reach of the next one.
@@ -79,7 +80,8 @@ Optimum descend(const EdgeEvaluator& evaluator, const Prior& prior, Eigen::Isome
       Vector6d xi = -H.ldlt().solve(b);
       xi *= std::min({1.0, kMaxRotation / xi.head<3>().norm(), kMaxTranslation / xi.tail<3>().norm()});
       T = prior.limited(exp(xi) * T);
-      if (xi.head<3>().norm() < tolerance * kFineRotation && xi.tail<3>().norm() < tolerance * kFineTranslation) {
+      if (xi.head<3>().norm() < tolerance * kFineRotation &&
+          xi.tail<3>().norm() < tolerance * kFineTranslation) {
         break;
       }
     }
@@ -166,9 +168,10 @@ std::unique_ptr<EdgeEvaluator> edgeEvaluator(const Objective& objective, const F
   evaluator.release();
   std::unique_ptr<EdgeEvaluator> result(edges);
   if (result->edgeCount() == 0) {
-    throw Error(ErrorCause::kNotEnough,
-                "objective 'edges': no edge was found in the clouds; it needs clouds of a spinning LiDAR with "
-                "a field 'ring', or in the order of the rings; use objective and search 'paper' for others");
+    throw Error(
+        ErrorCause::kNotEnough,
+        "objective 'edges': no edge was found in the clouds; it needs clouds of a spinning LiDAR with "
+        "a field 'ring', or in the order of the rings; use objective and search 'paper' for others");
   }
   return result;
 }
@@ -211,8 +214,8 @@ SearchResult CoarseToFineSearch::run(const Objective& objective, const Frames& f
   };
   if (!stages.run(grid.size(), grid.size() / 20 + 1, 0.4, score, best_of_grid)) return result;
 
-  // 2. The optima around the best of them, with borders wide enough to reach from one place of the grid to the
-  // next.
+  // 2. The optima around the best of them, with borders wide enough to reach from one place of the grid to
+  // the next.
   const Isometries places = candidates(grid, scores);
   std::vector<Optimum> optima(places.size());
   best = -1.0;

@@ -4,8 +4,8 @@
 
 namespace lidar_camera_recalibration {
 
-/// Search for objective `edges`: a grid over the rotation scored with wide borders, Gauss-Newton with narrowing
-/// borders from the best places of it, and the best of the optima. No random numbers.
+/// Search for objective `edges`: a grid over the rotation scored with wide borders, Gauss-Newton with
+/// narrowing borders from the best places of it, and the best of the optima. No random numbers.
 class CoarseToFineSearch : public Search {
  public:
   /// @throw Error(kParameter)

@@ -33,7 +33,8 @@ class Pinhole {
     if (!(pixel.point.z() > kMinDepth)) return pixel;
     pixel.u = fx_ * pixel.point.x() / pixel.point.z() + cx_;
     pixel.v = fy_ * pixel.point.y() / pixel.point.z() + cy_;
-    pixel.inside = pixel.u >= 0.0f && pixel.u <= width_ - 1.0f && pixel.v >= 0.0f && pixel.v <= height_ - 1.0f;
+    pixel.inside =
+        pixel.u >= 0.0f && pixel.u <= width_ - 1.0f && pixel.v >= 0.0f && pixel.v <= height_ - 1.0f;
     return pixel;
   }
 
@@ -71,9 +72,8 @@ Score EdgeEvaluator::operator()(const Eigen::Isometry3d& T_camera_lidar) {
   score.total = this->score(T_camera_lidar, kScoreLevel);
   for (const View& view : views_) {
     const Pinhole project(view.frame->camera.intrinsics(), T_camera_lidar);
-    const auto inside = std::count_if(view.chosen.begin(), view.chosen.end(), [&](std::size_t i) {
-      return project(view.frame->edges, i).inside;
-    });
+    const auto inside = std::count_if(view.chosen.begin(), view.chosen.end(),
+                                      [&](std::size_t i) { return project(view.frame->edges, i).inside; });
     score.points += static_cast<std::size_t>(inside);
     if (inside > 0) score.masks += view.frame->masks.maskCount();
   }
@@ -103,9 +103,12 @@ Linearisation EdgeEvaluator::linearise(const Eigen::Isometry3d& T_camera_lidar, 
     const double sigma = camera.fx * kBoundaryWidths[level] * kDegree;  // [px]
     for (const std::size_t i : view.chosen) {
       const Pinhole::Pixel pixel = project(edges, i);
-      if (!pixel.inside) continue;
-      const BoundaryField::Distance d = view.field->distance(directionOf(edges.kind[i]), pixel.u, pixel.v);
-      if (!d.inside) continue;
+      BoundaryField::Distance d;
+      if (pixel.inside) d = view.field->distance(directionOf(edges.kind[i]), pixel.u, pixel.v);
+      if (!d.inside) {
+        result.cost += edges.weight[i];  // as far from any border
+        continue;
+      }
       const double residual = d.value / sigma, closeness = std::exp(-0.5 * residual * residual);
       result.cost += edges.weight[i] * (1.0 - closeness);
       if (closeness < 1e-3) continue;

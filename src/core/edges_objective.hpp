@@ -11,8 +11,8 @@
 
 namespace lidar_camera_recalibration {
 
-/// One step of a least-squares fit around an extrinsic T, in the perturbation xi of extrinsic.hpp: the cost of
-/// exp(xi) * T is about cost + 2 b^T xi + xi^T H xi.
+/// One step of a least-squares fit around an extrinsic T, in the perturbation xi of extrinsic.hpp: the cost
+/// of exp(xi) * T is about cost + 2 b^T xi + xi^T H xi.
 struct Linearisation {
   Matrix6d H = Matrix6d::Zero();
   Vector6d b = Vector6d::Zero();
@@ -29,7 +29,8 @@ class EdgeEvaluator : public Evaluator {
     std::vector<std::size_t> chosen;  ///< edges to be scored
   };
 
-  /// The level of Score::total: fine enough for the optimum to be right, wide enough to tell two places apart.
+  /// The level of Score::total: fine enough for the optimum to be right, wide enough to tell two places
+  /// apart.
   static constexpr std::size_t kScoreLevel = 2;
 
   explicit EdgeEvaluator(std::vector<View> views);

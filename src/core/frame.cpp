@@ -6,9 +6,9 @@
 #include <opencv2/imgproc.hpp>
 #include <string>
 
-#include "lidar_edges.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
+#include "lidar_edges.hpp"
 
 namespace lidar_camera_recalibration {
 namespace {

@@ -31,7 +31,7 @@ constexpr float kReflectivityStep = 0.12f;
 constexpr float kStepToScatter = 4.0f;
 
 constexpr float kRingWeight = 0.5f;
-constexpr float kFullGap = 2.0f;                // [m]; smaller steps of the range count less
+constexpr float kFullGap = 2.0f;                  // [m]; smaller steps of the range count less
 constexpr float kFullReflectivity = 1.0f / 3.0f;  // likewise
 
 float azimuthOf(const Eigen::Vector3f& p) { return std::atan2(p.y(), p.x()); }
@@ -91,7 +91,8 @@ std::vector<std::uint16_t> ringsFromElevation(const std::vector<Eigen::Vector3f>
   double peak = 0.0, valley = 0.0;
   for (std::size_t b = 1; b < smooth.size(); ++b) {
     valley = std::min(valley, smooth[b]);
-    if (peak >= static_cast<double>(kMinRingPoints) && smooth[b] > 3.0 * valley + kMinRingPoints && valley < 0.5 * peak) {
+    if (peak >= static_cast<double>(kMinRingPoints) && smooth[b] > 3.0 * valley + kMinRingPoints &&
+        valley < 0.5 * peak) {
       ++ring;
       peak = 0.0;
     }
@@ -114,7 +115,7 @@ struct Ring {
   // The lasers do not all start at the origin of the cloud. At the horizontal distance h the ring is at
   // z = height + slope * h.
   float height = 0.0f, slope = 0.0f;  // [m], [m/m]
-  float step = 0.0f;       // median distance of neighbours in azimuth [rad]
+  float step = 0.0f;                  // median distance of neighbours in azimuth [rad]
 };
 
 class EdgeFinder {
@@ -183,8 +184,7 @@ class EdgeFinder {
       sxx += x * x;
       sxy += x * y;
     }
-    const double height =
-        (sxy - sx * sy / n) / (sxx - sx * sx / n + kNoise * kNoise / (kHeight * kHeight));
+    const double height = (sxy - sx * sy / n) / (sxx - sx * sx / n + kNoise * kNoise / (kHeight * kHeight));
     ring.height = static_cast<float>(height);
     ring.slope = static_cast<float>((sy - height * sx) / n);
   }
@@ -274,7 +274,8 @@ class EdgeFinder {
       if (std::abs(features_.normals[near].z()) >= kMaxUpward) continue;
       // Half way to where the other ring would meet the nearer surface.
       const Ring& other = near == a ? upper : lower;
-      const float height = other.height + other.slope * std::hypot(cloud_.points[near].x(), cloud_.points[near].y());
+      const float height =
+          other.height + other.slope * std::hypot(cloud_.points[near].x(), cloud_.points[near].y());
       addGap(near, far, 0.5f * (cloud_.points[near].z() + height), kRingWeight, EdgePoints::Kind::kRingGap);
     }
   }
@@ -284,7 +285,8 @@ class EdgeFinder {
   void addGap(std::size_t near, std::size_t far, float z, float weight, EdgePoints::Kind kind) {
     if (!visible(near)) return;
     Eigen::Vector3f point = cloud_.points[near];
-    const float turn = 0.5f * (azimuth_[far] - azimuth_[near]), sine = std::sin(turn), cosine = std::cos(turn);
+    const float turn = 0.5f * (azimuth_[far] - azimuth_[near]), sine = std::sin(turn),
+                cosine = std::cos(turn);
     point << cosine * point.x() - sine * point.y(), sine * point.x() + cosine * point.y(), z;
     add(point, weight * std::min(1.0f, (range_[far] - range_[near]) / kFullGap), kind);
   }
