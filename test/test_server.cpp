@@ -226,6 +226,22 @@ TEST(Server, TimeJumpClearsCachesAndKeepsFrames) {
   EXPECT_EQ(rig.server->state().frames, 2u) << "a frame from before the jump's stamp is welcome";
 }
 
+TEST(Server, FlushEndsTheWaitForANearerCloud) {
+  Rig rig(quickConfig());
+  const FrameMessages last = syntheticMessages(1, ros::Time(100));
+  sensor_msgs::PointCloud2 earlier = *last.cloud;
+  earlier.header.stamp = ros::Time(99.97);
+  rig.server->addImage(last.image);
+  rig.server->addCameraInfo(last.info);
+  rig.server->addCloud(boost::make_shared<sensor_msgs::PointCloud2>(earlier));
+  rig.server->addMasks(last.masks);
+  rig.server->waitUntilIdle();
+  EXPECT_EQ(rig.server->state().frames, 0u);
+  rig.server->flush();
+  rig.server->waitUntilIdle();
+  EXPECT_EQ(rig.server->state().frames, 1u);
+}
+
 TEST(Server, PicturesOnlyIfSomebodyLooks) {
   Rig rig(quickConfig());
   rig.addFrames(1);

@@ -109,6 +109,7 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
 
   const Parameters other = {
       {"image_rectified", true},
+      {"compressed", true},
       {"intensity_field", "remission"},
       {"camera_frame", "cam"},
       {"lidar_frame", "os"},

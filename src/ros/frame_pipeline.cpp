@@ -100,7 +100,7 @@ void FramePipeline::score(const FrameMessages& messages, const FramePtr& frame,
   newest_->cloud_header.frame_id = frameIds(messages, config_).lidar;
   last_problem_.clear();
   publish(message, messages);
-  publishPictures();
+  pictures_due_ = true;
 }
 
 void FramePipeline::refuse(const FrameMessages& messages, std::uint64_t& counter, const std::string& reason) {
@@ -115,29 +115,32 @@ void FramePipeline::publish(CalibrationScore message, const FrameMessages& messa
   if (outputs_.score) outputs_.score(message);
 }
 
-/// With the score as title; after a result, if the parameters want that, the start above it.
-cv::Mat FramePipeline::overlay(const FramePtr& frame, const Eigen::Isometry3d& T_camera_lidar) const {
+/// With score and state as title; after a result, if the parameters want that, the start above it.
+cv::Mat FramePipeline::overlay(const FramePtr& frame, const Eigen::Isometry3d& T_camera_lidar,
+                               const std::string& state) const {
   const bool compare = config_.overlay_compare && comparison_start_;
   const Views in_view = compare ? Views{*comparison_start_, T_camera_lidar} : Views{};
   const auto evaluator = objective_->evaluator({frame}, in_view);
-  const auto draw = [&](const std::string& when, const Eigen::Isometry3d& extrinsic) {
-    char title[96];
-    std::snprintf(title, sizeof title, "%sscore %.4f, %zu frames held", when.c_str(),
-                  (*evaluator)(extrinsic).total, buffer_.size());
-    return drawOverlay(*frame, extrinsic, config_.overlay_color, title);
+  const auto draw = [&](const std::string& when, const Eigen::Isometry3d& extrinsic,
+                        const std::string& note) {
+    char score[32];
+    std::snprintf(score, sizeof score, "score %.4f", (*evaluator)(extrinsic).total);
+    return drawOverlay(*frame, extrinsic, config_.overlay_color, when + score + note);
   };
-  if (!compare) return draw("", T_camera_lidar);
+  if (!compare) return draw("", T_camera_lidar, ", " + state);
   cv::Mat picture;
-  cv::vconcat(draw("before: ", *comparison_start_), draw("after: ", T_camera_lidar), picture);
+  cv::vconcat(draw("before: ", *comparison_start_, ""), draw("after: ", T_camera_lidar, ", " + state),
+              picture);
   return picture;
 }
 
-void FramePipeline::publishPictures() {
+void FramePipeline::publishPictures(const std::string& state) {
+  if (!std::exchange(pictures_due_, false)) return;
   const auto current = keeper_.current();
   if (!newest_ || !current) return;
   const Eigen::Isometry3d& T_camera_lidar = current->T_camera_lidar;
   if (outputs_.overlay && outputs_.wants_overlay && outputs_.wants_overlay())
-    outputs_.overlay(toImageMessage(overlay(newest_->frame, T_camera_lidar), newest_->image_header));
+    outputs_.overlay(toImageMessage(overlay(newest_->frame, T_camera_lidar, state), newest_->image_header));
   if (outputs_.colored_points && outputs_.wants_colored_points && outputs_.wants_colored_points())
     outputs_.colored_points(coloredPoints(*newest_->frame, T_camera_lidar, newest_->cloud_header));
 }

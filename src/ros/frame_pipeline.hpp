@@ -36,8 +36,10 @@ class FramePipeline {
 
   /// The overlay shows the extrinsic before and after a result if the parameters want that.
   void setComparison(const Eigen::Isometry3d& start) { comparison_start_ = start; }
-  /// Draws the newest frame under the extrinsic in force, if anybody looks.
-  void publishPictures();
+  void requestPictures() { pictures_due_ = true; }
+  /// After a new frame or on request: draws the newest frame under the extrinsic in force, if anybody looks.
+  /// @param state  what the node is doing, for the title
+  void publishPictures(const std::string& state);
 
   /// Counters, memory and, if there is a problem, the reason why the last frame was refused.
   void describe(RecalibrationState& state) const;
@@ -50,7 +52,8 @@ class FramePipeline {
   FramePtr prepare(const FrameMessages& messages, const Eigen::Isometry3d& extrinsic, const FrameIds& ids);
   void score(const FrameMessages& messages, const FramePtr& frame, const Eigen::Isometry3d& extrinsic);
   void refuse(const FrameMessages& messages, std::uint64_t& counter, const std::string& reason);
-  cv::Mat overlay(const FramePtr& frame, const Eigen::Isometry3d& T_camera_lidar) const;
+  cv::Mat overlay(const FramePtr& frame, const Eigen::Isometry3d& T_camera_lidar,
+                  const std::string& state) const;
   void publish(CalibrationScore message, const FrameMessages& messages);
 
   const ServerConfig& config_;
@@ -70,7 +73,7 @@ class FramePipeline {
   std::optional<Newest> newest_;
   std::optional<Eigen::Isometry3d> comparison_start_;
   std::string last_problem_;
-  bool startup_checked_ = false;
+  bool startup_checked_ = false, pictures_due_ = false;
   std::uint64_t dropped_invalid_ = 0, dropped_poor_ = 0, dropped_no_extrinsic_ = 0, dropped_late_ = 0;
 };
 

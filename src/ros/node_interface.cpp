@@ -51,7 +51,7 @@ void NodeInterface::start() {
   const ServerConfig config = readServerConfig([this](const std::string& name, XmlRpc::XmlRpcValue& value) {
     return private_node_.getParam(name, value);
   });
-  private_node_.param("compressed", compressed_, false);
+  compressed_ = config.compressed;
   warnOfUnknownParameters();
   tf_listener_ = std::make_unique<tf2_ros::TransformListener>(tf_, node_);
   server_ = std::make_unique<RecalibrationServer>(config, tf_, name_, advertise());
@@ -64,9 +64,7 @@ void NodeInterface::warnOfUnknownParameters() const {
   XmlRpc::XmlRpcValue tree;
   if (!ros::param::get(private_node_.getNamespace(), tree)) return;
   std::vector<std::string> names;
-  for (const auto& [name, value] : flatten(tree)) {
-    if (name != "compressed") names.push_back(name);  // the node's own, see start()
-  }
+  for (const auto& [name, value] : flatten(tree)) names.push_back(name);
   for (const std::string& sentence : unknownParameters(names))
     ROS_WARN_STREAM_NAMED(name_, name_ << ": " << sentence);
 }

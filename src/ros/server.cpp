@@ -122,6 +122,7 @@ class RecalibrationServer::Impl {
   std::string applyAccepted(const CalibrationOutcome& outcome);
   void publishTransform();
   void updateState();
+  std::string summary(const RecalibrationState& state) const;
   std::string describe(const RecalibrationState& state) const;
   void shutDown();
   template <typename Action>
@@ -154,6 +155,7 @@ class RecalibrationServer::Impl {
   ros::Time search_stamp_;
   bool transform_due_ = false, edge_published_ = false;
   RecalibrationState published_state_;
+  std::string last_outcome_;  ///< in a word or two; empty before the first result
   Clock::time_point next_state_ = Clock::now();
 
   std::once_flag stop_once_;
@@ -325,6 +327,7 @@ void RecalibrationServer::Impl::run() {
     advanceJob();
     guarded("publishing the transform", [&] { publishTransform(); });
     guarded("publishing the state", [&] { updateState(); });
+    guarded("drawing the pictures", [&] { pipeline_.publishPictures(summary(state_)); });
   }
   shutDown();
 }
@@ -380,7 +383,6 @@ void RecalibrationServer::Impl::finishSearch() {
     note = applyAccepted(outcome);
   }
   endJob(std::move(job), true, outcome, note);
-  guarded("drawing the result", [&] { pipeline_.publishPictures(); });
 }
 
 /// @return what went wrong with the result file, otherwise empty.
@@ -476,6 +478,8 @@ void RecalibrationServer::Impl::endJob(JobPtr job, bool success, const Calibrati
   guarded("publishing the result", [&] {
     if (outputs_.result) outputs_.result(result);
   });
+  last_outcome_ = result.accepted ? "accepted" : "not accepted";
+  pipeline_.requestPictures();
   const std::lock_guard<std::mutex> lock(mutex_);
   job->response = answer(success, result.reason);
   job->response.result = result;
@@ -529,16 +533,19 @@ void RecalibrationServer::Impl::updateState() {
   if (outputs_.state) outputs_.state(state);
 }
 
+/// Short enough for the title of the overlay.
+std::string RecalibrationServer::Impl::summary(const RecalibrationState& state) const {
+  if (state.state == RecalibrationState::SEARCHING)
+    return "searching, " + std::to_string(std::lround(100.0f * state.progress)) + " % done";
+  if (state.state == RecalibrationState::COLLECTING)
+    return "collecting, " + framesOf(state.frames, state.frames_required);
+  const std::string last = last_outcome_.empty() ? "" : ", last result " + last_outcome_;
+  return "ready, " + std::to_string(state.frames) + " frames held" + last;
+}
+
 std::string RecalibrationServer::Impl::describe(const RecalibrationState& state) const {
-  std::string text;
-  if (state.state == RecalibrationState::SEARCHING) {
-    text = "searching, " + std::to_string(std::lround(100.0f * state.progress)) + " % done";
-  } else if (state.state == RecalibrationState::COLLECTING) {
-    text = (job_ ? "a recalibration waits for frames, " : "collecting, ") +
-           framesOf(state.frames, state.frames_required);
-  } else {
-    text = "ready, " + std::to_string(state.frames) + " frames held";
-  }
+  std::string text = summary(state);
+  if (job_ && !job_->searching) text += ", a recalibration waits for frames";
   if (state.pending > 0) text += ", " + std::to_string(state.pending) + " images wait for their masks";
   if (!pipeline_.lastProblem().empty()) text += "; last frame refused: " + pipeline_.lastProblem();
   return text;
@@ -577,6 +584,10 @@ void RecalibrationServer::addCloud(const sensor_msgs::PointCloud2ConstPtr& cloud
 
 void RecalibrationServer::addMasks(const sensor_msgs::ImageConstPtr& masks) {
   impl_->add(masks->data.size(), [masks](FrameSynchroniser& synchroniser) { synchroniser.addMasks(masks); });
+}
+
+void RecalibrationServer::flush() {
+  impl_->add(0, [](FrameSynchroniser& synchroniser) { synchroniser.flush(); });
 }
 
 void RecalibrationServer::timeJumpedBack() { impl_->clearCaches(); }

@@ -61,6 +61,8 @@ class RecalibrationServer {
 
   RecalibrationState state() const;
   std::string extrinsicSource() const;  ///< where the extrinsic in force came from, in words
+  /// The recording ends here: nothing waits any longer for a partner that could be nearer in time.
+  void flush();
   /// Returns when everything queued so far is processed. For the bag tool, which reads faster than any
   /// sensor.
   void waitUntilIdle();

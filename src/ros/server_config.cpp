@@ -181,6 +181,7 @@ std::vector<Parameter> inputParameters() {
   return {
       choice("mode", {"on_request"}, " (this release only searches on request)", MEMBER(mode), sameWord),
       flag("image_rectified", MEMBER(image_rectified)),
+      flag("compressed", MEMBER(compressed)),
       string("intensity_field", "the name of a point field or \"\"", MEMBER(intensity_field)),
       frameId("camera_frame", MEMBER(camera_frame)),
       frameId("lidar_frame", MEMBER(lidar_frame)),

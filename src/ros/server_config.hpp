@@ -24,6 +24,7 @@ struct ServerConfig {
   // Inputs
   SynchroniserConfig synchroniser;
   bool image_rectified = false;
+  bool compressed = false;      ///< the node subscribes to image/compressed and masks/compressed
   std::string intensity_field;  ///< empty: automatic
   std::string camera_frame;     ///< optical frame; empty: the image's frame id
   std::string lidar_frame;      ///< empty: the cloud's frame id

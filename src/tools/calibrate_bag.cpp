@@ -140,6 +140,10 @@ class Feeder {
       keepNewest();
       if (length > 0.0) progress.show("reading", (message.getTime().toSec() - begin) / length);
     }
+    server.flush();
+    frames_.flush();
+    server.waitUntilIdle();
+    keepNewest();
     progress.show("reading", 1.0);
   }
 
