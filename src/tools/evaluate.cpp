@@ -169,8 +169,7 @@ Evaluation runTrials(const Options& options, const std::vector<Input>& inputs, c
   return evaluation;
 }
 
-// --- figures
-// ----------------------------------------------------------------------------------------------------
+// --- figures ---
 
 template <typename Value>
 std::vector<double> collect(const Evaluation& evaluation, const Value& value) {
@@ -234,8 +233,7 @@ double cpuSecondsPerRun(const Evaluation& evaluation) {
   return evaluation.cpu_seconds / double(evaluation.trials.size());
 }
 
-// --- output
-// -----------------------------------------------------------------------------------------------------
+// --- output ---
 
 void printErrors(const char* label, const char* unit, const Errors& errors, double scale) {
   std::printf("%-12s %-4s", label, unit);
