@@ -256,6 +256,15 @@ TEST(EdgesObjective, GradientIsThatOfTheCost) {
   }
 }
 
+TEST(EdgesObjective, HoldsNoFrameThatItsOwnersLetGo) {
+  const EdgesObjective objective;
+  FramePtr frame = syntheticFrame(1, SyntheticScene::T_camera_lidar());
+  const std::weak_ptr<const Frame> trace = frame;
+  (*objective.evaluator({frame}, {}))(SyntheticScene::T_camera_lidar());
+  frame.reset();
+  EXPECT_TRUE(trace.expired());
+}
+
 TEST(EdgesObjective, ScoreIsHighestAtTheTruth) {
   const EdgesObjective objective;
   const auto evaluator = evaluatorOf(objective, syntheticFrames(3, SyntheticScene::T_camera_lidar()));

@@ -144,6 +144,10 @@ std::shared_ptr<const BoundaryField> EdgesObjective::field(const FramePtr& frame
   }
   auto made = std::make_shared<const BoundaryField>(*frame);
   const std::lock_guard<std::mutex> lock(mutex_);
+  // A server scores frame after frame with one objective: forget the fields of frames that are gone.
+  for (auto known = fields_.begin(); known != fields_.end();) {
+    known = known->first.expired() ? fields_.erase(known) : std::next(known);
+  }
   return fields_.emplace(frame, std::move(made)).first->second;
 }
 

@@ -57,7 +57,7 @@ class EdgeEvaluator : public Evaluator {
 };
 
 /// LiDAR edges against the borders of the masks; in the place of the paper's consistency. Makes each frame's
-/// BoundaryField when it is first needed and keeps it as long as the objective lives.
+/// BoundaryField when it is first needed and keeps it as long as the frame lives.
 class EdgesObjective : public Objective {
  public:
   std::unique_ptr<Evaluator> evaluator(const Frames& frames, const Views& in_view) const override;
@@ -66,7 +66,8 @@ class EdgesObjective : public Objective {
   std::shared_ptr<const BoundaryField> field(const FramePtr& frame) const;
 
   mutable std::mutex mutex_;
-  mutable std::map<FramePtr, std::shared_ptr<const BoundaryField>> fields_;
+  using WeakFrame = std::weak_ptr<const Frame>;
+  mutable std::map<WeakFrame, std::shared_ptr<const BoundaryField>, std::owner_less<WeakFrame>> fields_;
 };
 
 }  // namespace lidar_camera_recalibration
