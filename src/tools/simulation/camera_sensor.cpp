@@ -4,7 +4,7 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
-#include "core/parallel.hpp"
+#include "parallel.hpp"
 #include "simulation/appearance.hpp"
 #include "simulation/random.hpp"
 

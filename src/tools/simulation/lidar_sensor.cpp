@@ -4,9 +4,9 @@
 #include <cmath>
 #include <string>
 
-#include "core/parallel.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
+#include "parallel.hpp"
 #include "simulation/appearance.hpp"
 #include "simulation/random.hpp"
 
