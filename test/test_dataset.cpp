@@ -77,8 +77,7 @@ void expectContains(const std::string& text, const std::string& part) {
   EXPECT_NE(text.find(part), std::string::npos) << text;
 }
 
-// --- KITTI odometry: the published calibration of sequence 00
-// -----------------------------------------------------
+// --- KITTI odometry: the published calibration of sequence 00 ---
 
 constexpr char kOdometryCalib[] =
     "P0: 7.188560000000e+02 0.000000000000e+00 6.071928000000e+02 0.000000000000e+00 0.000000000000e+00 "
@@ -200,8 +199,7 @@ TEST_F(DatasetTest, BrokenKittiCalibration) {
   expectContains(refusal([&] { open(); }), "line 2 is no time: soon");
 }
 
-// --- KITTI raw: the published calibration of 2011_09_26
-// -----------------------------------------------------------
+// --- KITTI raw: the published calibration of 2011_09_26 ---
 
 void DatasetTest::writeRaw() const {
   write(
@@ -264,8 +262,7 @@ TEST_F(DatasetTest, MissingRawCalibrationIsNamed) {
                  "calib_velo_to_cam.txt\": there is no such file");
 }
 
-// --- CalibAnything
-// ------------------------------------------------------------------------------------------------
+// --- CalibAnything ---
 
 /// @param changes  more members of the object; later ones win
 void DatasetTest::writeCalibAnything(const std::string& changes) const {
@@ -277,85 +274,15 @@ void DatasetTest::writeCalibAnything(const std::string& changes) const {
                           (changes.empty() ? R"(, "file_name": ["a", "b"])" : ", " + changes) + "}");
   for (const char* name : {"a", "b"}) writeImage(std::string("pictures/") + name + ".png");
   fs::create_directories(root_ / "pc");
-  write("pc/a.pcd",
-        "VERSION 0.7\nFIELDS x y z intensity ring\nSIZE 8 8 8 1 2\nTYPE F F F U U\nCOUNT 1 1 1 1 1\nWIDTH "
-        "3\nHEIGHT 1\n"
-        "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 3\nDATA ascii\n1.5 2 3 200 7\nnan 2 3 9 9\n4 5 6 100 63\n");
-  pcl::PointCloud<pcl::PointXYZ> plain;
-  plain.push_back(pcl::PointXYZ(1, 2, 3));
-  pcl::io::savePCDFileBinaryCompressed((root_ / "pc/b.pcd").string(), plain);
-}
-
-TEST_F(DatasetTest, CalibAnything) {
-  writeCalibAnything();
-  const auto dataset = open();
-  EXPECT_EQ(dataset->layout(), "CalibAnything");
-  ASSERT_EQ(dataset->size(), 2u);
-  EXPECT_EQ(dataset->name(0), "a");
-  EXPECT_EQ(dataset->stamp(1) - dataset->stamp(0), 1.0);
-  EXPECT_EQ(dataset->intrinsics().fx, 100);
-  EXPECT_EQ(dataset->intrinsics().fy, 110);
-  EXPECT_EQ(dataset->intrinsics().cx, 4);
-  EXPECT_EQ(dataset->intrinsics().cy, 3);
-  EXPECT_EQ(dataset->intrinsics().model, DistortionModel::kPlumbBob);
-  EXPECT_EQ(dataset->intrinsics().distortion, (std::vector<double>{0.1, 0.01, 0.001, 0.002, 0.003}));
-  ASSERT_TRUE(dataset->reference());
-  EXPECT_EQ(dataset->reference()->translation(),
-            Eigen::Vector3d(4, 5, 6));  // the ground truth where there is one
-
-  const PointCloud cloud = dataset->cloud(0);  // double coordinates, uint8 intensity, uint16 ring, one NaN
-  ASSERT_EQ(cloud.size(), 2u);
-  EXPECT_EQ(cloud.points[0], Eigen::Vector3f(1.5F, 2, 3));
-  EXPECT_EQ(cloud.reflectivity, (std::vector<float>{200, 100}));
-  EXPECT_EQ(cloud.ring, (std::vector<std::uint16_t>{7, 63}));
-  const PointCloud plain = dataset->cloud(1);
-  EXPECT_EQ(plain.size(), 1u);
-  EXPECT_FALSE(plain.hasReflectivity());
-  EXPECT_TRUE(plain.ring.empty());
-}
-
-TEST_F(DatasetTest, NamesThatLeadOutOfTheFolderAreRefused) {
-  writeCalibAnything(R"("file_name": ["../outside"])");
-  expectContains(refusal([&] { open(); }), "file_name: \"../outside\"");
-  writeCalibAnything(R"("file_name": ["/etc/passwd"])");
-  expectContains(refusal([&] { open(); }), "file_name: \"/etc/passwd\"");
-  writeCalibAnything(R"("file_name": ["a"])");
-  std::string text = readText(root_ / "calib.json");
-  text.replace(text.find("\"pc\""), 4, "\"pc/../..\"");
-  write("calib.json", text);
-  expectContains(refusal([&] { open(); }), "pc_folder");
-}
-
-TEST_F(DatasetTest, BrokenCalibJson) {
-  writeCalibAnything();
-  const std::string good = readText(root_ / "calib.json");
-  const auto with = [&](const std::string& from, const std::string& to) {
-    std::string text = good;
-    text.replace(text.find(from), from.size(), to);
-    write("calib.json", text);
-    return refusal([&] { open(); });
-  };
-  expectContains(with("cam_K", "kam_K"), "calib.json\": the key cam_K is missing");
-  expectContains(with("[0, 110, 3]", "[0, 110]"), "cam_K is not 3x3");
-  expectContains(with("[0, 110, 3]", "[0, \"wide\", 3]"), "calib.json");
-  expectContains(with("0.001, 0.002, ", ""), "cam_dist has 3 coefficients");
-  expectContains(with("[0, 0, -1, 5]", "[0, 0, -2, 5]"), "T_lidar_to_cam_gt");
-  expectContains(with("}", ""), "calib.json");
-  write("calib.json", "");
-  expectContains(refusal([&] { open(); }), "calib.json\": the file is empty");
-}
-
-TEST_F(DatasetTest, BrokenFilesAreNamed) {
-  writeCalibAnything();
-  write("pc/a.pcd",
-        "VERSION 0.7\nFIELDS x y\nSIZE 4 4\nTYPE F F\nCOUNT 1 1\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n1 "
-        "2\n");
-  expectContains(refusal([&] { open()->cloud(0); }), "a.pcd\": has no fields x, y and z");
-  write("pc/a.pcd",
-        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 4000000000\nHEIGHT 1\nPOINTS "
-        "4000000000\n"
-        "DATA binary\nabc");
-  expectContains(refusal([&] { open()->cloud(0); }), "a.pcd\"");
+  // PCL would set all of that memory aside before it returned the header.
+  const std::vector<std::string> too_much = {"COUNT 1 1 1\nWIDTH 4000000000\nHEIGHT 1\nPOINTS 4000000000",
+                                             "COUNT 1 1 1\nWIDTH 100000\nHEIGHT 100000\nPOINTS 3",
+                                             "COUNT 1 1 100000\nWIDTH 1000000\nHEIGHT 1\nPOINTS 1000000",
+                                             "COUNT 1 1 1\nWIDTH -1\nHEIGHT 1\nPOINTS 3"};
+  for (const std::string& claim : too_much) {
+    write("pc/a.pcd", "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\n" + claim + "\nDATA binary\nabc");
+    expectContains(refusal([&] { open()->cloud(0); }), "a.pcd\": claims ");
+  }
   // Every cut of a compressed and of a binary file, PCL's own reader crashes on some.
   pcl::PointCloud<pcl::PointXYZI> cloud;
   for (int i = 0; i < 50; ++i) cloud.push_back(pcl::PointXYZI(1, 2, static_cast<float>(i), 5));
@@ -382,8 +309,7 @@ TEST_F(DatasetTest, UnknownLayouts) {
   expectContains(refusal([&] { open("nowhere"); }), "there is no such folder");
 }
 
-// --- real frames
-// --------------------------------------------------------------------------------------------------
+// --- real frames ---
 
 std::unique_ptr<Dataset> openShared(const std::string& name) {
   const fs::path folder = fs::path(SHARED_DATA) / name;

@@ -271,6 +271,60 @@ TEST(Segment, NoLevelSlabThroughUprightThings) {
   EXPECT_EQ(segmented(points, LidarFeatureConfig{}).plane_count, 0);
 }
 
+// No single normal is good enough for a street of 80 m, all of them are off by 10 deg.
+TEST(Segment, CoarseNormalsStillGiveTheWholePlane) {
+  Points points;
+  addRectangle(points, {2, -10, -1.7f}, {80, 0, 0}, {0, 20, 0}, 0.4f);
+  std::mt19937 random(2);
+  std::uniform_real_distribution<float> turn(0.0f, 6.2832f);
+  LidarFeatures features;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const float phi = turn(random), slope = 0.1763f;
+    features.normals.push_back(
+        Eigen::Vector3f(slope * std::cos(phi), slope * std::sin(phi), 1.0f).normalized());
+  }
+  segment(points, LidarFeatureConfig{}, features);
+  EXPECT_EQ(features.plane_count, 1);
+  EXPECT_EQ(classesOf(features, 0, points.size()), std::vector<std::int32_t>({0}));
+}
+
+TEST(Segment, OnlyAgreeingNormalsSupportAPlane) {
+  Points points;
+  addRectangle(points, {10, -5, -1}, {0, 10, 0}, {0, 0, 4}, 0.1f);
+  const auto planesWith = [&](const std::vector<Eigen::Vector3f>& turns) {
+    LidarFeatures features;
+    for (std::size_t i = 0; i < points.size(); ++i) features.normals.push_back(turns[i % turns.size()]);
+    segment(points, LidarFeatureConfig{}, features);
+    return features.plane_count;
+  };
+  const auto turned = [](float degrees) {
+    const float angle = degrees * 0.0174533f;
+    return Eigen::Vector3f(-std::cos(angle), std::sin(angle), 0);
+  };
+  EXPECT_EQ(planesWith({turned(15)}), 1);
+  EXPECT_EQ(planesWith({turned(15), -turned(15)}), 1);  // either side
+  EXPECT_EQ(planesWith({turned(90)}), 0);
+  EXPECT_EQ(planesWith({Eigen::Vector3f::Zero()}), 0);
+}
+
+TEST(Segment, PlaneOfFewPointsAmongClutter) {
+  Points points;
+  addRectangle(points, {20, -5, -1}, {0, 10, 0}, {0, 0, 5}, 0.15f);  // 2211 points, 7 % of all
+  const std::size_t clutter = points.size();
+  std::mt19937 random(4);
+  std::uniform_real_distribution<float> place(-15.0f, 15.0f);
+  std::normal_distribution<float> side;
+  LidarFeatures features;
+  features.normals.assign(clutter, -Eigen::Vector3f::UnitX());
+  for (int i = 0; i < 30000; ++i) {
+    points.emplace_back(20 + place(random), place(random), place(random));
+    features.normals.push_back(Eigen::Vector3f(side(random), side(random), side(random)).normalized());
+  }
+  segment(points, LidarFeatureConfig{}, features);
+  EXPECT_EQ(features.plane_count, 1);
+  EXPECT_EQ(classesOf(features, 0, clutter), std::vector<std::int32_t>({0}));
+}
+
 TEST(Segment, ToleranceGrowsWithRange) {
   // Two pairs of small boards, 0.5 m apart. At 10 m the tolerance is 0.3 m, at 50 m it is 0.75 m.
   const auto addPair = [](Points& points, float x) {

@@ -58,8 +58,7 @@ Trajectory straight(double speed) {
   return [speed](double t) { return Isometry3d(Eigen::Translation3d(speed * t, 0, 0)); };
 }
 
-// --- LiDAR
-// ---------------------------------------------------------------------------------------------------------
+// --- LiDAR ---
 
 TEST(Lidar, beamTablesAreThoseOfTheSensors) {
   const std::map<int, std::pair<double, double>> ends = {
@@ -171,8 +170,7 @@ TEST(Lidar, noiseLossesAndReflectors) {
     EXPECT_EQ(r.intensity, 255.0F);
 }
 
-// --- the rig
-// -------------------------------------------------------------------------------------------------------
+// --- the rig ---
 
 TEST(Rig, errorsHaveExactlyTheSizeAsked) {
   std::set<double> directions;
@@ -192,8 +190,7 @@ TEST(Rig, errorsHaveExactlyTheSizeAsked) {
   EXPECT_EQ(directions.size(), 20u);
 }
 
-// --- the street
-// ----------------------------------------------------------------------------------------------------
+// --- the street ---
 
 /// One moment of a small drive, made once.
 struct Moment {
@@ -313,8 +310,7 @@ TEST(Street, holdsWhatAStreetHolds) {
   EXPECT_THROW(Street(1, std::nan(""), 8.0), Error);
 }
 
-// --- masks
-// ---------------------------------------------------------------------------------------------------------
+// --- masks ---
 
 /// A picture of parts without any light.
 Picture partsPicture(const cv::Mat& part) {

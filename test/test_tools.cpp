@@ -25,8 +25,7 @@ Eigen::Isometry3d someExtrinsic() {
   return T;
 }
 
-// --- topics
-// -------------------------------------------------------------------------------------------------------
+// --- topics ---
 
 const char kImage[] = "sensor_msgs/Image", kCompressed[] = "sensor_msgs/CompressedImage",
            kInfo[] = "sensor_msgs/CameraInfo", kCloud[] = "sensor_msgs/PointCloud2";
@@ -102,8 +101,7 @@ TEST(Bags, BadOnesAreRefusedInWords) {
   std::filesystem::remove(path);
 }
 
-// --- statistics
-// ---------------------------------------------------------------------------------------------------
+// --- statistics ---
 
 TEST(Statistics, QuantilesAreLinearBetweenOrderStatistics) {
   EXPECT_DOUBLE_EQ(quantile({4, 1, 3, 2}, 0.5), 2.5);
@@ -127,8 +125,7 @@ TEST(Statistics, HuberMeanSolvesItsEquation) {
   EXPECT_NEAR(huberMean({1, 2, 3, 4, 5}), 3.0, 1e-12);
 }
 
-// --- perturbations
-// ------------------------------------------------------------------------------------------------
+// --- perturbations ---
 
 TEST(Perturbation, HasExactlyTheSizeAsked) {
   const Eigen::Isometry3d T = someExtrinsic();
@@ -163,8 +160,7 @@ TEST(Perturbation, IsUniformOnEachAxis) {
   }
 }
 
-// --- command line and parameters
-// ----------------------------------------------------------------------------------
+// --- command line and parameters ---
 
 struct Parsed {
   int status = -1;

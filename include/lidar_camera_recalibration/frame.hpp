@@ -36,16 +36,32 @@ struct FramePoints {
   bool hasReflectivity() const { return !reflectivity.empty(); }
 };
 
+/// Places where a camera should see an edge, in the LiDAR frame; what objective `edges` matches with the
+/// boundaries of the masks. Empty if the cloud's points cannot be assigned to the LiDAR's rings.
+struct EdgePoints {
+  enum class Kind : std::uint8_t {
+    kAzimuthGap,    ///< step of the range along a ring: an upright silhouette
+    kRingGap,       ///< step of the range from ring to ring: a level silhouette
+    kReflectivity,  ///< step of the reflectivity along a ring
+  };
+  std::vector<float> x, y, z;  ///< [m], on the nearer side
+  std::vector<float> weight;   ///< 0..1
+  std::vector<Kind> kind;
+
+  std::size_t size() const { return x.size(); }
+};
+
 /// One image's masks with one prepared cloud. Made once, immutable, shared by const pointer.
 struct Frame {
   double stamp = 0.0;  ///< of the image [s]
   Camera camera;       ///< of the image as it was taken
-  cv::Mat image;       ///< CV_8UC3, BGR, as it was taken; for drawing only
+  cv::Mat image;       ///< CV_8UC3, BGR, as it was taken; may be empty
   MaskSets masks;      ///< in the ideal image (see Camera)
   FramePoints points;
   /// Per point: 1 = the camera sees it from the guess. With FrameConfig::cull_hidden the hidden points are
   /// not in `points` and all flags are 1; without it they are there, and scored.
   std::vector<std::uint8_t> visible;
+  EdgePoints edges{};
 };
 using FramePtr = std::shared_ptr<const Frame>;
 using Frames = std::vector<FramePtr>;
@@ -59,7 +75,8 @@ using Frames = std::vector<FramePtr>;
 std::vector<std::uint8_t> visiblePoints(const std::vector<Eigen::Vector3f>& points,
                                         const Eigen::Isometry3d& T_camera_lidar);
 
-/// @param image   as the camera took it, CV_8UC1 or CV_8UC3 (may be empty: then nothing can be drawn)
+/// @param image   as the camera took it, CV_8UC1 or CV_8UC3 (may be empty: then
+///                nothing can be drawn, and objective `edges` has the masks' borders as they are)
 /// @param layers  label images of the masks, CV_32SC1, of the image's size, as for MaskSets::fromLayers
 /// @param guess   T_camera_lidar around which will be searched
 /// @throw Error(kCloud, kMasks, kImage, kNotEnough) saying what is wrong with this frame.

@@ -12,16 +12,18 @@ namespace lidar_camera_recalibration {
 /// The score of one extrinsic on a set of frames; higher is better.
 struct Score {
   double total = 0.0;  ///< what the search maximises
-  // Means over the masks, weighted like the total; 0..1.
+  // Means over the masks, weighted like the total; 0..1. Objective `edges` has none of them.
   double reflectivity = 0.0;  ///< F_R
   double normal = 0.0;        ///< F_N
   double segment = 0.0;       ///< F_S
-  std::size_t points = 0;     ///< points that fell into at least one mask
-  std::size_t masks = 0;      ///< masks that received at least one point
+  std::size_t points = 0;     ///< points that fell into at least one mask; `edges`: edges in the image
+  std::size_t masks = 0;      ///< masks that received at least one point; `edges`: of frames with an edge
 };
 
 struct ObjectiveConfig {
-  std::string objective = "paper";  ///< `paper`: the consistency score of Calib-Anything
+  /// `paper`: the consistency score of Calib-Anything; `edges`: LiDAR edges on the borders of the masks,
+  /// which has no weights
+  std::string objective = "paper";
   double weight_reflectivity =
       1.0 / 3.0;                      ///< w_R; shared out to the others where a cloud has no reflectivity
   double weight_normal = 1.0 / 3.0;   ///< w_N

@@ -17,7 +17,9 @@ struct SearchRange {
 };
 
 struct SearchConfig {
-  std::string search = "paper";   ///< `paper`: brute-force rotation grid, then random refinement
+  /// `paper`: brute-force rotation grid, then random refinement; `coarse_to_fine`: for objective `edges`;
+  /// needs none of the numbers below but the threads
+  std::string search = "paper";
   double grid_step_deg = 1.0;     ///< stride of the brute-force rotation search
   int refine_evaluations = 4000;  ///< random candidates of the refinement
   std::uint64_t seed = 1;         ///< same seed and input, same result

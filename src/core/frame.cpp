@@ -8,6 +8,7 @@
 
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
+#include "lidar_edges.hpp"
 
 namespace lidar_camera_recalibration {
 namespace {
@@ -108,6 +109,7 @@ MaskSets idealMasks(const Camera& camera, const std::vector<cv::Mat>& layers, in
 PointCloud crop(const PointCloud& cloud, const FieldOfView& field, const Eigen::Isometry3d& guess,
                 const FrameConfig& config) {
   const double margin = config.crop_margin_deg * kDegree;
+  const std::vector<std::uint16_t> rings = ringsOf(cloud);
   PointCloud result;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     const double range = cloud.points[i].norm();
@@ -116,6 +118,7 @@ PointCloud crop(const PointCloud& cloud, const FieldOfView& field, const Eigen::
     if (field.angleTo(in_camera.normalized()) > margin) continue;
     result.points.push_back(cloud.points[i]);
     if (cloud.hasReflectivity()) result.reflectivity.push_back(cloud.reflectivity[i]);
+    if (!rings.empty()) result.ring.push_back(rings[i]);
   }
   const std::size_t min_points = static_cast<std::size_t>(std::max(config.min_points, 1));
   if (result.size() < min_points) {
@@ -167,6 +170,9 @@ FramePtr makeFrame(double stamp, const Camera& camera, const cv::Mat& image,
   const LidarFeatures features = computeLidarFeatures(cropped, config.features);
   const std::vector<std::uint8_t> visible = visiblePoints(cropped.points, guess);
 
+  EdgePoints edges =
+      findLidarEdges(cropped, features, config.cull_hidden ? visible : std::vector<std::uint8_t>());
+
   std::vector<std::size_t> chosen;
   std::vector<std::uint8_t> chosen_visible;
   for (std::size_t i = 0; i < cropped.size(); ++i) {
@@ -176,7 +182,7 @@ FramePtr makeFrame(double stamp, const Camera& camera, const cv::Mat& image,
   }
   return std::make_shared<const Frame>(Frame{stamp, camera, std::move(colour), std::move(masks),
                                              framePoints(cropped, features, chosen),
-                                             std::move(chosen_visible)});
+                                             std::move(chosen_visible), std::move(edges)});
 }
 
 std::size_t memoryUse(const Frame& frame) {
@@ -184,7 +190,9 @@ std::size_t memoryUse(const Frame& frame) {
   std::size_t sum = sizeof(Frame) + bytes(frame.image) + bytes(frame.visible);
   sum += bytes(frame.masks.setOfPixel()) + bytes(frame.masks.setBegin()) + bytes(frame.masks.setMasks());
   for (const auto* column : {&p.x, &p.y, &p.z, &p.nx, &p.ny, &p.nz, &p.reflectivity}) sum += bytes(*column);
-  return sum + bytes(p.segment);
+  const EdgePoints& e = frame.edges;
+  for (const auto* column : {&e.x, &e.y, &e.z, &e.weight}) sum += bytes(*column);
+  return sum + bytes(e.kind) + bytes(p.segment);
 }
 
 }  // namespace lidar_camera_recalibration

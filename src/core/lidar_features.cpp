@@ -3,12 +3,12 @@
 #include <pcl/kdtree/kdtree_flann.h>
 #include <pcl/point_cloud.h>
 #include <pcl/point_types.h>
-#include <pcl/segmentation/sac_segmentation.h>
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
 #include <random>
 #include <string>
 
@@ -18,7 +18,7 @@ namespace lidar_camera_recalibration {
 namespace {
 
 using PclCloud = pcl::PointCloud<pcl::PointXYZ>;
-using PclNormals = pcl::PointCloud<pcl::Normal>;
+using Plane = Eigen::Hyperplane<float, 3>;
 using Indices = std::vector<int>;
 
 // Neighbours whose second principal variance is below this share of the first one lie on a line: they fit any
@@ -30,14 +30,18 @@ constexpr double kLineRatio = 1e-6;
 constexpr double kRingRatio = 0.02;
 constexpr int kMaxWidening = 4;
 
-// RANSAC stops when it has missed no better plane with this probability, or after this many samples. The
-// bound means that planes far below a tenth of the points may be missed; these become clusters.
+// RANSAC stops when it has missed no better plane with this probability, or after so many hypotheses. Each is
+// one point with its normal; only this share of the points on a plane have normals good enough to find it.
 constexpr double kRansacProbability = 0.99;
-constexpr int kRansacMaxIterations = 1000;
+constexpr double kRansacGoodShare = 0.1;
+constexpr int kRansacMaxHypotheses = 500;
 // RANSAC looks for a plane in a random sample of so many points: this bounds its time.
 constexpr std::size_t kRansacSample = 2000;
-// A normal that is off by more than this never supports a plane [rad].
-constexpr double kMaxNormalAngle = M_PI / 3.0;
+// A normal that is off by more than 20 deg never supports a plane. From 30 deg on, planes across cars and
+// hedges were found in street scenes.
+constexpr float kMinNormalCosine = 0.94f;
+// A plane is fitted to its own support until that grows no more, but at most so often.
+constexpr int kMaxFits = 10;
 
 PclCloud::Ptr toPcl(const std::vector<Eigen::Vector3f>& points) {
   PclCloud::Ptr cloud(new PclCloud);
@@ -47,8 +51,9 @@ PclCloud::Ptr toPcl(const std::vector<Eigen::Vector3f>& points) {
 }
 
 struct PlaneFit {
-  Eigen::Vector3d normal;
-  double elongation;  // second principal variance over the first one; 0 = a line, 1 = as wide as long
+  Eigen::Vector3d mean;
+  Eigen::Vector3d normal;  // zero where no plane fits
+  double elongation;       // second principal variance over the first one; 0 = a line, 1 = as wide as long
 };
 
 // The normal is the direction of least variance. The neighbours are centred before they are multiplied, so
@@ -66,53 +71,104 @@ PlaneFit fitPlane(const std::vector<Eigen::Vector3f>& points, const Indices& nei
   Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
   solver.computeDirect(covariance);
   const Eigen::Vector3d variances = solver.eigenvalues();  // ascending
-  if (!(variances[1] > kLineRatio * variances[2])) return {Eigen::Vector3d::Zero(), 0.0};
-  return {solver.eigenvectors().col(0), variances[1] / variances[2]};
+  if (!(variances[1] > kLineRatio * variances[2])) return {mean, Eigen::Vector3d::Zero(), 0.0};
+  return {mean, solver.eigenvectors().col(0), variances[1] / variances[2]};
 }
 
-// Finds the largest plane among `candidates`. Only points whose normals agree support it: without normals, a
-// slab cut level through cars, trees and walls beats every real surface, for a ring of the LiDAR lies in it.
-// Returns its coefficients, or none if the support is too small.
-std::vector<float> findPlane(const PclCloud::Ptr& cloud, const PclNormals::Ptr& normals,
-                             const LidarFeatureConfig& config, const Indices& candidates) {
-  const auto min_points = static_cast<std::size_t>(std::max(config.plane_min_points, 3));
-  if (candidates.size() < min_points) return {};
-  const pcl::IndicesPtr sample(new Indices);
-  std::sample(candidates.begin(), candidates.end(), std::back_inserter(*sample), kRansacSample,
-              std::mt19937(static_cast<std::mt19937::result_type>(candidates.size())));
-  pcl::SACSegmentationFromNormals<pcl::PointXYZ, pcl::Normal> ransac;  // its seed is fixed
-  ransac.setModelType(pcl::SACMODEL_NORMAL_PLANE);
-  ransac.setMethodType(pcl::SAC_RANSAC);
-  // PCL's limit is on (1 - w) * metres + w * radians. These values make it metres + s * radians <=
-  // plane_distance.
-  const double s = config.plane_distance / kMaxNormalAngle;
-  ransac.setNormalDistanceWeight(s / (1.0 + s));
-  ransac.setDistanceThreshold(config.plane_distance / (1.0 + s));
-  ransac.setProbability(kRansacProbability);
-  ransac.setMaxIterations(kRansacMaxIterations);
-  ransac.setOptimizeCoefficients(true);
-  ransac.setInputCloud(cloud);
-  ransac.setInputNormals(normals);
-  ransac.setIndices(sample);
-  pcl::PointIndices support;
-  pcl::ModelCoefficients plane;
-  ransac.segment(support, plane);
-  if (support.indices.size() * candidates.size() < min_points * sample->size()) return {};
-  return plane.values;
-}
+// The largest plane among some points by RANSAC. Only points whose normals agree support it: without normals,
+// a slab cut level through cars, trees and walls beats every real surface, for a ring of the LiDAR lies in
+// it.
+class PlaneSearch {
+ public:
+  PlaneSearch(const std::vector<Eigen::Vector3f>& points, const std::vector<Eigen::Vector3f>& normals,
+              const LidarFeatureConfig& config, const Indices& candidates)
+      : points_(points), config_(config), random_(static_cast<std::mt19937::result_type>(candidates.size())) {
+    std::sample(candidates.begin(), candidates.end(), std::back_inserter(sample_), kRansacSample, random_);
+    positions_.resize(static_cast<Eigen::Index>(sample_.size()), 3);
+    normals_.resize(positions_.rows(), 3);
+    for (std::size_t i = 0; i < sample_.size(); ++i) {
+      positions_.row(static_cast<Eigen::Index>(i)) = points[sample_[i]];
+      normals_.row(static_cast<Eigen::Index>(i)) = normals[sample_[i]];
+    }
+    // The sample holds the same share of the plane as the candidates.
+    min_support_ = std::max(config.plane_min_points, 3) * static_cast<double>(sample_.size()) /
+                   static_cast<double>(candidates.size());
+  }
+
+  std::optional<Plane> find() {
+    if (min_support_ > static_cast<double>(sample_.size())) return {};
+    std::uniform_int_distribution<Eigen::Index> any(0, positions_.rows() - 1);
+    Hypothesis best{Plane(Eigen::Vector3f::UnitZ(), 0.0f), 0};
+    Eigen::Index best_unfitted = 0;
+    for (int tried = 0; tried < hypothesesNeeded(best.support); ++tried) {
+      const Eigen::Index i = any(random_);
+      const Plane plane(normals_.row(i).transpose(), positions_.row(i).transpose());
+      const Eigen::Index support = supporters(plane).count();
+      if (support <= best_unfitted) continue;
+      best_unfitted = support;
+      const Hypothesis fitted = fitToSupport({plane, support});
+      if (fitted.support > best.support) best = fitted;
+    }
+    if (static_cast<double>(best.support) < min_support_) return {};
+    return best.plane;
+  }
+
+ private:
+  struct Hypothesis {
+    Plane plane;
+    Eigen::Index support;
+  };
+  using Columns = Eigen::Matrix<float, Eigen::Dynamic, 3>;
+  using Flags = Eigen::Array<bool, Eigen::Dynamic, 1>;
+
+  Flags supporters(const Plane& plane) const {
+    const auto max_distance = static_cast<float>(config_.plane_distance);
+    return ((positions_ * plane.normal()).array() + plane.offset()).abs() <= max_distance &&
+           (normals_ * plane.normal()).array().abs() >= kMinNormalCosine;
+  }
+
+  // The normal of one point is too coarse for a plane of tens of metres.
+  Hypothesis fitToSupport(Hypothesis hypothesis) const {
+    for (int i = 0; i < kMaxFits; ++i) {
+      const Flags flags = supporters(hypothesis.plane);
+      Indices members;
+      for (std::size_t k = 0; k < sample_.size(); ++k) {
+        if (flags[static_cast<Eigen::Index>(k)]) members.push_back(sample_[k]);
+      }
+      const PlaneFit fit = fitPlane(points_, members);
+      const Plane plane(fit.normal.cast<float>(), fit.mean.cast<float>());
+      const Eigen::Index support = supporters(plane).count();
+      if (support <= hypothesis.support) break;
+      hypothesis = {plane, support};
+    }
+    return hypothesis;
+  }
+
+  int hypothesesNeeded(Eigen::Index support) const {
+    const double share =
+        std::max(static_cast<double>(support), min_support_) / static_cast<double>(sample_.size());
+    const double needed = std::log(1.0 - kRansacProbability) / std::log1p(-kRansacGoodShare * share);
+    return static_cast<int>(std::min<double>(needed, kRansacMaxHypotheses));
+  }
+
+  const std::vector<Eigen::Vector3f>& points_;
+  const LidarFeatureConfig& config_;
+  std::mt19937 random_;
+  Indices sample_;
+  Columns positions_, normals_;  // of the sample
+  double min_support_;
+};
 
 // Takes planes out of `remaining`, each with all points near it, whatever their normals: where the plane is
 // sampled thinly or ends, normals are poor.
-std::vector<Indices> takePlanes(const PclCloud::Ptr& cloud, const PclNormals::Ptr& normals,
-                                const LidarFeatureConfig& config, Indices& remaining) {
+std::vector<Indices> takePlanes(const std::vector<Eigen::Vector3f>& points,
+                                const std::vector<Eigen::Vector3f>& normals, const LidarFeatureConfig& config,
+                                Indices& remaining) {
   std::vector<Indices> planes;
-  while (static_cast<int>(planes.size()) < config.plane_max_count) {
-    const std::vector<float> plane = findPlane(cloud, normals, config, remaining);
-    if (plane.empty()) break;
-    const Eigen::Map<const Eigen::Vector4f> coefficients(plane.data());
-    const auto off_plane = [&](int i) {
-      return std::abs(coefficients.dot(cloud->points[i].getVector4fMap())) > config.plane_distance;
-    };
+  while (!remaining.empty() && static_cast<int>(planes.size()) < config.plane_max_count) {
+    const std::optional<Plane> plane = PlaneSearch(points, normals, config, remaining).find();
+    if (!plane) break;
+    const auto off_plane = [&](int i) { return plane->absDistance(points[i]) > config.plane_distance; };
     const auto split = std::stable_partition(remaining.begin(), remaining.end(), off_plane);
     planes.emplace_back(split, remaining.end());
     remaining.erase(split, remaining.end());
@@ -221,15 +277,12 @@ void segment(const std::vector<Eigen::Vector3f>& points, const LidarFeatureConfi
   if (features.normals.size() != points.size()) {
     features.normals = estimateNormals(points, config.normal_neighbours);
   }
-  const PclCloud::Ptr cloud = toPcl(points);
-  const PclNormals::Ptr normals(new PclNormals);
-  for (const auto& n : features.normals) normals->push_back(pcl::Normal(n.x(), n.y(), n.z()));
   Indices remaining(points.size());
   std::iota(remaining.begin(), remaining.end(), 0);
 
-  numberBySize(takePlanes(cloud, normals, config, remaining), features);
+  numberBySize(takePlanes(points, features.normals, config, remaining), features);
   features.plane_count = features.segment_count;
-  numberBySize(clusters(*cloud, config, remaining), features);
+  numberBySize(clusters(*toPcl(points), config, remaining), features);
 }
 
 void checkCloud(const PointCloud& cloud) {

@@ -29,8 +29,7 @@ struct Dot {
   cv::Vec3b color;
 };
 
-// --- colours
-// -------------------------------------------------------------------------------------------------
+// --- colours ---
 
 /// BGR of 0..1, from blue to red.
 cv::Vec3b rampColor(double value) {
@@ -104,8 +103,7 @@ cv::Vec3b pointColor(const Frame& frame, std::size_t k, const Eigen::Vector3d& i
   return kGrey;
 }
 
-// --- points
-// --------------------------------------------------------------------------------------------------
+// --- points ---
 
 std::vector<Dot> visibleDots(const Frame& frame, const Eigen::Isometry3d& T_camera_lidar,
                              OverlayColor color) {
@@ -141,8 +139,7 @@ void drawDots(cv::Mat& image, std::vector<Dot>& dots) {
   }
 }
 
-// --- title bar
-// -----------------------------------------------------------------------------------------------
+// --- title bar ---
 
 struct TextStyle {
   double scale;

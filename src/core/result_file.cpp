@@ -33,8 +33,7 @@ constexpr const char* kHeader =
 # frame (child) in the LiDAR frame (parent). Paste them as they are.
 )";
 
-// --- writing
-// -------------------------------------------------------------------------------------------------
+// --- writing ---
 
 /// The shortest decimal that reads back as the same double, whatever the process's locale.
 std::string number(double value) {
@@ -118,8 +117,7 @@ void emitTransforms(YAML::Emitter& out, const StoredCalibration& c) {
   out << YAML::Newline << YAML::Newline;
 }
 
-// --- reading
-// -------------------------------------------------------------------------------------------------
+// --- reading ---
 
 Error fileError(const std::string& path, const std::string& what) {
   return Error(ErrorCause::kFile, "calibration file '" + path + "': " + what);
@@ -208,8 +206,7 @@ StoredCalibration parse(const std::string& text) {
   return c;
 }
 
-// --- files
-// ---------------------------------------------------------------------------------------------------
+// --- files ---
 
 bool writeAll(int file, const std::string& text) {
   std::size_t done = 0;

@@ -1,5 +1,6 @@
 #include "lidar_camera_recalibration/search.hpp"
 
+#include "coarse_to_fine_search.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 #include "paper_search.hpp"
 
@@ -7,7 +8,9 @@ namespace lidar_camera_recalibration {
 
 std::unique_ptr<Search> makeSearch(const SearchConfig& config) {
   if (config.search == "paper") return std::make_unique<PaperSearch>(config);
-  throw Error(ErrorCause::kParameter, "search: '" + config.search + "' is unknown; use 'paper'");
+  if (config.search == "coarse_to_fine") return std::make_unique<CoarseToFineSearch>(config);
+  throw Error(ErrorCause::kParameter,
+              "search: '" + config.search + "' is unknown; use 'paper' or 'coarse_to_fine'");
 }
 
 }  // namespace lidar_camera_recalibration

@@ -101,8 +101,7 @@ ServerOutputs NodeInterface::advertise() {
   return outputs;
 }
 
-// --- inputs
-// ------------------------------------------------------------------------------------------------------
+// --- inputs ---
 
 template <typename Message>
 void NodeInterface::subscribe(InputMonitor& monitor, const std::string& topic,
@@ -168,8 +167,7 @@ void NodeInterface::noticeTimeJump(const ros::Time& image_stamp) {
   server_->timeJumpedBack();
 }
 
-// --- services
-// ----------------------------------------------------------------------------------------------------
+// --- services ---
 
 void NodeInterface::offerServices() {
   using std_srvs::Trigger;
@@ -213,8 +211,7 @@ void NodeInterface::offerServices() {
   service_spinner_->start();
 }
 
-// --- diagnostics
-// -------------------------------------------------------------------------------------------------
+// --- diagnostics ---
 
 void NodeInterface::onTimer(const ros::WallTimerEvent&) {
   if (isWorking()) noticeTimeJump(last_image_stamp_);

@@ -174,8 +174,7 @@ RecalibrationServer::Impl::Impl(const ServerConfig& config, const tf2::BufferCor
   worker_ = std::thread([this] { run(); });
 }
 
-// --- called from any thread
-// --------------------------------------------------------------------------------------
+// --- called from any thread ---
 
 void RecalibrationServer::Impl::wake() {
   has_work_ = true;
@@ -306,8 +305,7 @@ void RecalibrationServer::Impl::stop() {
   std::call_once(stop_once_, [this] { worker_.join(); });
 }
 
-// --- the worker thread
-// -------------------------------------------------------------------------------------------
+// --- the worker thread ---
 
 template <typename Action>
 void RecalibrationServer::Impl::guarded(const char* what, const Action& action) {
@@ -564,8 +562,7 @@ void RecalibrationServer::Impl::shutDown() {
   job_finished_.notify_all();
 }
 
-// --- the public face
-// ---------------------------------------------------------------------------------------------
+// --- the public face ---
 
 RecalibrationServer::RecalibrationServer(const ServerConfig& config, const tf2::BufferCore& tf,
                                          const std::string& name, ServerOutputs outputs)

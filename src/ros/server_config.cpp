@@ -220,8 +220,8 @@ std::vector<Parameter> frameParameters() {
 
 std::vector<Parameter> searchParameters() {
   return {
-      choice("objective", {"paper"}, "", MEMBER(calibrator.objective.objective), sameWord),
-      choice("search", {"paper"}, "", MEMBER(calibrator.search.search), sameWord),
+      choice("objective", {"paper", "edges"}, "", MEMBER(calibrator.objective.objective), sameWord),
+      choice("search", {"paper", "coarse_to_fine"}, "", MEMBER(calibrator.search.search), sameWord),
       number("search_range/rotation_deg", 0.1, 45.0, MEMBER(calibrator.range.rotation_deg)),
       number("search_range/translation_m", 0.0, 5.0, MEMBER(calibrator.range.translation_m)),
       number("paper/weight_reflectivity", 0.0, 1000.0, MEMBER(calibrator.objective.weight_reflectivity)),

@@ -229,8 +229,7 @@ CalibrationResult calibrateFrames(RecalibrationServer& server, const ServerConfi
   return response.result;
 }
 
-// --- output
-// -----------------------------------------------------------------------------------------------------
+// --- output ---
 
 Eigen::Isometry3d isometry(const geometry_msgs::TransformStamped& transform) {
   return Eigen::Isometry3d(tf2::transformToEigen(transform).matrix());

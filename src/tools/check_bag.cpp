@@ -74,8 +74,7 @@ std::string join(const std::set<std::string>& words) {
   return text;
 }
 
-// --- reading
-// ----------------------------------------------------------------------------------------------------
+// --- reading ---
 
 void addHeader(TopicStats& stats, const std_msgs::Header& header, const ros::Time& recorded) {
   if (!stats.stamps.empty() && header.stamp < stats.stamps.back()) ++stats.backwards;
@@ -161,8 +160,7 @@ void readContents(const std::vector<std::unique_ptr<rosbag::Bag>>& bags, const I
   }
 }
 
-// --- table
-// ------------------------------------------------------------------------------------------------------
+// --- table ---
 
 double maxStampGap(const TopicStats& stats) {
   std::vector<ros::Time> stamps = stats.stamps;
@@ -192,8 +190,7 @@ void printTable(const Contents& contents) {
   std::printf("\n");
 }
 
-// --- verdict
-// ----------------------------------------------------------------------------------------------------
+// --- verdict ---
 
 class Verdict {
  public:

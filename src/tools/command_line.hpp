@@ -3,6 +3,7 @@
 #include <boost/program_options.hpp>
 #include <functional>
 #include <istream>
+#include <limits>
 #include <sstream>
 #include <string>
 
@@ -37,17 +38,26 @@ struct CommandLine {
 int runTool(int argc, char** argv, const CommandLine& command_line,
             const std::function<int(const boost::program_options::variables_map&)>& body);
 
-/// A number with a lower limit; `name` is for the message.
+/// A number with limits; `name` is for the message.
 template <typename T>
-boost::program_options::typed_value<T>* atLeast(T minimum, T* target, const std::string& name) {
+boost::program_options::typed_value<T>* inRange(T minimum, T maximum, T* target, const std::string& name) {
   return boost::program_options::value<T>()->notifier([=](const T& value) {
-    if (!(value >= minimum)) {
+    if (!(value >= minimum && value <= maximum)) {
       std::ostringstream what;
-      what << "--" << name << " " << value << ": must be at least " << minimum;
+      what << "--" << name << " " << value << ": must be ";
+      if (maximum < std::numeric_limits<T>::max())
+        what << minimum << " to " << maximum;
+      else
+        what << "at least " << minimum;
       throw boost::program_options::error(what.str());
     }
     *target = value;
   });
+}
+
+template <typename T>
+boost::program_options::typed_value<T>* atLeast(T minimum, T* target, const std::string& name) {
+  return inRange(minimum, std::numeric_limits<T>::max(), target, name);
 }
 
 /// Makes the emitter write JSON: flow maps with quoted strings are both. Numbers must be finite.

@@ -55,8 +55,7 @@ Eigen::Isometry3d checkedIsometry(const Eigen::Matrix4d& matrix, const fs::path&
   }
 }
 
-// --- CalibAnything
-// ----------------------------------------------------------------------------------------------
+// --- CalibAnything ---
 
 /// A name from calib.json as part of a path; one that leads out of the dataset is refused.
 fs::path inside(const fs::path& file, const std::string& key, const std::string& name) {
@@ -156,8 +155,7 @@ Index indexCalibAnything(const fs::path& folder) {
   return index;
 }
 
-// --- KITTI
-// ------------------------------------------------------------------------------------------------------
+// --- KITTI ---
 
 /// `R` (3x3) and `t` as 4x4, numbers in row-major order.
 Eigen::Matrix4d homogeneous(const std::vector<double>& R, const std::vector<double>& t) {

@@ -12,7 +12,9 @@
 #include <ctime>
 #include <fstream>
 #include <functional>
+#include <iterator>
 #include <limits>
+#include <numeric>
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
 
@@ -109,6 +111,34 @@ FieldReader firstFieldReader(const pcl::PCLPointCloud2& cloud, const std::vector
 
 bool usable(const Eigen::Vector3f& point) { return point.allFinite() && !point.isZero(0.0F); }
 
+/// PCL's reader sets memory aside for whatever the header claims before it returns the header.
+void checkPcdClaims(const fs::path& file) {
+  double width = 0, height = 1, points = 0;
+  std::vector<double> sizes, counts;
+  std::ifstream stream(file, std::ios::binary);
+  for (std::string line; std::getline(stream, line);) {
+    std::istringstream words(line);
+    std::string key;
+    words >> key;
+    if (key == "DATA") break;
+    if (key == "WIDTH") words >> width;
+    if (key == "HEIGHT") words >> height;
+    if (key == "POINTS") words >> points;
+    if (key != "SIZE" && key != "COUNT") continue;
+    std::vector<double>& values = key == "SIZE" ? sizes : counts;
+    values.assign(std::istream_iterator<double>(words), {});
+  }
+  counts.resize(sizes.size(), 1.0);
+  const double step = std::inner_product(sizes.begin(), sizes.end(), counts.begin(), 0.0);
+  const double most = std::max(width * height, points);
+  const bool negative = std::min({width, height, points, step}) < 0.0;  // PCL reads -1 as 4294967295
+  if (negative || !(most <= kMaxPoints) || !(most * step <= kMaxCloudBytes)) {
+    std::ostringstream what;
+    what << "claims " << most << " points of " << step << " bytes, more than any sensor delivers";
+    refuse(file, what.str());
+  }
+}
+
 /// PCL's reader believes the header and crashes where the file does not hold what it promises.
 void checkPcdHeader(const fs::path& file, std::uintmax_t size) {
   pcl::PCLPointCloud2 header;
@@ -121,10 +151,6 @@ void checkPcdHeader(const fs::path& file, std::uintmax_t size) {
   const std::uintmax_t points = std::uintmax_t(header.width) * header.height;
   if (status != 0 || points == 0 || header.fields.empty() || header.point_step == 0) {
     refuse(file, "not a readable PCD file, or one without points");
-  }
-  if (points > kMaxPoints || header.point_step > 4096) {
-    refuse(file, "claims " + std::to_string(points) + " points of " + std::to_string(header.point_step) +
-                     " bytes, more than any sensor delivers");
   }
   constexpr int kBinary = 1, kCompressed = 2;
   const std::uintmax_t bytes = points * header.point_step;
@@ -145,6 +171,7 @@ pcl::PCLPointCloud2 loadPcd(const fs::path& file) {
   const std::uintmax_t size = checkedSize(file, kMaxCloudBytes);
   pcl::PCLPointCloud2 cloud;
   try {
+    checkPcdClaims(file);
     checkPcdHeader(file, size);
     if (pcl::PCDReader().read(file.string(), cloud) != 0) refuse(file, "not a readable PCD file");
   } catch (const Error&) {

@@ -11,6 +11,7 @@
 #include <optional>
 #include <sstream>
 
+#include "bag_writing.hpp"
 #include "command_line.hpp"
 #include "conversions.hpp"
 #include "dataset.hpp"
@@ -18,6 +19,7 @@
 #include "lidar_camera_recalibration/extrinsic.hpp"
 #include "lidar_camera_recalibration/result_file.hpp"
 #include "perturbation.hpp"
+#include "result_messages.hpp"
 
 namespace lidar_camera_recalibration {
 
@@ -59,32 +61,6 @@ std::vector<std::size_t> selectedFrames(const Options& options, std::size_t size
   return frames;
 }
 
-sensor_msgs::CameraInfo cameraInfo(const Intrinsics& intrinsics) {
-  sensor_msgs::CameraInfo info;
-  info.width = static_cast<std::uint32_t>(intrinsics.width);
-  info.height = static_cast<std::uint32_t>(intrinsics.height);
-  const bool distorted = intrinsics.model != DistortionModel::kNone;
-  info.distortion_model = name(distorted ? intrinsics.model : DistortionModel::kPlumbBob);
-  info.D = distorted ? intrinsics.distortion : std::vector<double>(5, 0.0);
-  info.K = {intrinsics.fx, 0.0, intrinsics.cx, 0.0, intrinsics.fy, intrinsics.cy, 0.0, 0.0, 1.0};
-  info.R = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
-  info.P = {intrinsics.fx, 0.0, intrinsics.cx, 0.0, 0.0, intrinsics.fy,
-            intrinsics.cy, 0.0, 0.0,           0.0, 1.0, 0.0};
-  return info;
-}
-
-sensor_msgs::Image imageMessage(const cv::Mat& bgr) {
-  sensor_msgs::Image message;
-  message.width = static_cast<std::uint32_t>(bgr.cols);
-  message.height = static_cast<std::uint32_t>(bgr.rows);
-  message.encoding = "bgr8";
-  message.step = message.width * 3;
-  for (int row = 0; row < bgr.rows; ++row) {
-    message.data.insert(message.data.end(), bgr.ptr(row), bgr.ptr(row) + message.step);
-  }
-  return message;
-}
-
 template <typename T>
 void addField(sensor_msgs::PointCloud2& cloud, const std::string& name, std::uint8_t type) {
   sensor_msgs::PointField field;
@@ -118,20 +94,13 @@ sensor_msgs::PointCloud2 cloudMessage(const PointCloud& cloud) {
   return message;
 }
 
-/// Latched, so that `rosbag play` tells late subscribers too.
 void writeStaticTransform(rosbag::Bag& bag, const ros::Time& stamp, const Eigen::Isometry3d& T_camera_lidar) {
   tf2_msgs::TFMessage message;
   message.transforms.push_back(tf2::eigenToTransform(T_camera_lidar.inverse()));
   message.transforms[0].header.stamp = stamp;
   message.transforms[0].header.frame_id = kLidarFrame;
   message.transforms[0].child_frame_id = kCameraFrame;
-  const auto header = boost::make_shared<ros::M_string>();
-  (*header)["type"] = ros::message_traits::datatype(message);
-  (*header)["md5sum"] = ros::message_traits::md5sum(message);
-  (*header)["message_definition"] = ros::message_traits::definition(message);
-  (*header)["callerid"] = "/dataset_to_bag";
-  (*header)["latching"] = "1";
-  bag.write("/tf_static", stamp, message, header);
+  bag.write("/tf_static", stamp, message, latchedConnection<tf2_msgs::TFMessage>("/dataset_to_bag"));
 }
 
 /// One frame's messages. Returns whether it has masks.
@@ -139,13 +108,11 @@ bool writeFrame(rosbag::Bag& bag, const Dataset& dataset, std::size_t frame, dou
   std_msgs::Header header;
   header.stamp = ros::Time(seconds);
   header.frame_id = kCameraFrame;
-  sensor_msgs::Image image = imageMessage(dataset.image(frame));
-  sensor_msgs::CameraInfo info = cameraInfo(dataset.intrinsics());
   sensor_msgs::PointCloud2 cloud = cloudMessage(dataset.cloud(frame));
-  image.header = info.header = cloud.header = header;
+  cloud.header = header;
   cloud.header.frame_id = kLidarFrame;
-  bag.write("/camera/image_raw", header.stamp, image);
-  bag.write("/camera/camera_info", header.stamp, info);
+  bag.write("/camera/image_raw", header.stamp, *toImageMessage(dataset.image(frame), header));
+  bag.write("/camera/camera_info", header.stamp, toCameraInfo(header, dataset.intrinsics()));
   bag.write("/lidar/points", header.stamp, cloud);
   const std::vector<cv::Mat> layers = dataset.maskLayers(frame);
   if (layers.empty()) return false;

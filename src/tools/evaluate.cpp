@@ -99,7 +99,7 @@ Frames prepareFrames(const std::vector<Input>& inputs, const Camera& camera, con
   for (std::size_t i = 0; i < order.size() && frames.size() < count; ++i) {
     const Input& input = inputs[order[i]];
     try {
-      frames.push_back(makeFrame(input.stamp, camera, cv::Mat(), input.layers, input.cloud, start, config));
+      frames.push_back(makeFrame(input.stamp, camera, input.image, input.layers, input.cloud, start, config));
       trial.frames.push_back(input.name);
     } catch (const Error& error) {
       ++trial.refused;
@@ -169,8 +169,7 @@ Evaluation runTrials(const Options& options, const std::vector<Input>& inputs, c
   return evaluation;
 }
 
-// --- figures
-// ----------------------------------------------------------------------------------------------------
+// --- figures ---
 
 template <typename Value>
 std::vector<double> collect(const Evaluation& evaluation, const Value& value) {
@@ -234,8 +233,7 @@ double cpuSecondsPerRun(const Evaluation& evaluation) {
   return evaluation.cpu_seconds / double(evaluation.trials.size());
 }
 
-// --- output
-// -----------------------------------------------------------------------------------------------------
+// --- output ---
 
 void printErrors(const char* label, const char* unit, const Errors& errors, double scale) {
   std::printf("%-12s %-4s", label, unit);
@@ -337,7 +335,7 @@ int evaluate(const Options& options) {
   ServerConfig config = loadServerConfig(options.config, options.assignments);
   if (!options.method.empty()) {
     config.calibrator.objective.objective = options.method;
-    config.calibrator.search.search = options.method;
+    config.calibrator.search.search = options.method == "edges" ? "coarse_to_fine" : options.method;
   }
   config.calibrator.range.rotation_deg =
       options.range_rotation > 0.0 ? options.range_rotation : options.start_rotation;
@@ -371,7 +369,7 @@ int evaluateMain(int argc, char** argv) {
                    po::options_description("Options"), "folder"};
   line.options.add_options()("folder", po::value(&options.folder)->required()->value_name("FOLDER"),
                              "the dataset")("method", po::value(&options.method)->default_value("paper"),
-                                            "objective and search of this name")(
+                                            "paper, or edges (with search coarse_to_fine)")(
       "frames", atLeast(1, &options.frames, "frames")->value_name("K"), "frames of a trial (default 5)")(
       "trials", atLeast(1, &options.trials, "trials")->value_name("N"), "default 20")(
       "starts", atLeast(1, &options.trials, "starts")->value_name("N"), "another name of --trials")(

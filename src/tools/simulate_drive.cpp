@@ -2,10 +2,7 @@
 
 #include <cv_bridge/cv_bridge.h>
 #include <geometry_msgs/TransformStamped.h>
-#include <getopt.h>
 #include <rosbag/bag.h>
-#include <sensor_msgs/CameraInfo.h>
-#include <sensor_msgs/Image.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
 #include <tf2_eigen/tf2_eigen.h>
@@ -17,7 +14,6 @@
 #include <ctime>
 #include <filesystem>
 #include <functional>
-#include <iostream>
 #include <map>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -26,11 +22,14 @@
 #include <string>
 #include <thread>
 
+#include "bag_writing.hpp"
+#include "command_line.hpp"
 #include "conversions.hpp"
 #include "lidar_camera_recalibration/camera.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
 #include "lidar_camera_recalibration/result_file.hpp"
+#include "result_messages.hpp"
 #include "simulation/camera_sensor.hpp"
 #include "simulation/lidar_sensor.hpp"
 #include "simulation/mask_model.hpp"
@@ -39,6 +38,9 @@
 #include "simulation/street.hpp"
 
 namespace lidar_camera_recalibration {
+
+namespace po = boost::program_options;
+
 namespace {
 
 using namespace simulation;
@@ -52,154 +54,23 @@ const char* const kLidarFrame = "lidar";
 const char* const kCameraLinkFrame = "camera_link";
 const char* const kCameraFrame = "camera_optical_frame";
 
-const char* const kHelp = R"(usage: simulate_drive OUT.bag [options]
-
-Drives a vehicle with a spinning LiDAR and a camera through a simulated street and records a bag whose tf_static holds an
-extrinsic that is off by a known amount.
-
-Topics: /camera/image_raw /camera/camera_info /camera/masks /lidar/points /tf /tf_static /simulation/T_camera_lidar
-Beside the bag: OUT.truth.yaml, the true extrinsic (with a step also OUT.truth_after_step.yaml).
-
-  --seed N                  another seed, another street and other errors              [1]
-  --frames N                pictures with a LiDAR sweep each                           [20]
-  --rate HZ                 frames per second, 0.1 to 10                               [2]
-  --speed V                 of the vehicle [m/s], 0 to 40                              [8]
-  --perturb DEG M           error of the extrinsic in tf_static: angle and distance    [3 0.1]
-  --step-time S             the true extrinsic changes S seconds after the first frame [never]
-  --step-rotation-deg R     by this angle                                              [1]
-  --step-translation-m T    and this distance                                          [0.05]
-  --beams N                 of the LiDAR: 16, 32 or 64                                 [64]
-  --deskewed                points are moved to the stamp, as datasets deliver them    [default]
-  --raw                     points as fired, each from the sensor's place at its time
-  --width PX --height PX    of the picture                                             [1242 376]
-  --mask-fraction F         share of the pictures that get masks, 0 to 1               [1]
-  --compression none|lz4    of the bag                                                 [lz4]
-  --pictures DIR            also write picture, masks and LiDAR over picture as PNG
-  --threads N               does not change the result                                 [all cores]
-  --help
-
-Exit status: 0 written, 1 failed, 2 wrong command line.
-)";
-
-/// The command line is wrong; the message says where.
-struct UsageError : std::runtime_error {
-  using std::runtime_error::runtime_error;
-};
-
 struct Options {
   std::string out;
   std::uint64_t seed = 1;
   int frames = 20;
   double rate = 2.0, speed = 8.0;
-  double error_deg = 3.0, error_m = 0.1;
+  NumberPair error{3.0, 0.1};                              ///< [deg], [m]
   double step_time = -1.0, step_deg = 1.0, step_m = 0.05;  ///< a negative time means never
   int beams = 64;
-  bool deskewed = true;
+  bool raw = false;
   int width = 1242, height = 376;
   double mask_fraction = 1.0;
-  bool compress = true;
+  std::string compression = "lz4";
   std::string pictures;
-  int threads = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  int threads = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
 
   double duration() const { return 2 * kLead + (frames - 1) / rate; }
 };
-
-double number(const std::string& option, const char* text, double low, double high) {
-  char* end = nullptr;
-  const double value = text ? std::strtod(text, &end) : 0.0;
-  if (!text || end == text || *end != '\0' || !(value >= low && value <= high)) {
-    char range[64];
-    std::snprintf(range, sizeof(range), "%g to %g", low, high);
-    throw UsageError(option + " needs a number from " + range +
-                     (text ? std::string(", not '") + text + "'." : std::string(".")));
-  }
-  return value;
-}
-
-int integer(const std::string& option, const char* text, int low, int high) {
-  const double value = number(option, text, low, high);
-  if (value != std::floor(value)) throw UsageError(option + " needs a whole number, not '" + text + "'.");
-  return static_cast<int>(value);
-}
-
-std::string choice(const std::string& option, const std::string& text, const std::string& a,
-                   const std::string& b) {
-  if (text != a && text != b)
-    throw UsageError(option + " needs '" + a + "' or '" + b + "', not '" + text + "'.");
-  return text;
-}
-
-using Setters = std::map<std::string, std::function<void(const std::string&)>>;
-
-/// What each option does with its value, which getopt leaves in `optarg`.
-Setters setters(Options& options, int argc, char** argv) {
-  return {
-      {"seed",
-       [&options](const std::string& o) {
-         options.seed = static_cast<std::uint64_t>(number(o, optarg, 0, 9e15));
-       }},
-      {"frames", [&options](const std::string& o) { options.frames = integer(o, optarg, 1, 100000); }},
-      {"rate", [&options](const std::string& o) { options.rate = number(o, optarg, 0.1, 10); }},
-      {"speed", [&options](const std::string& o) { options.speed = number(o, optarg, 0, 40); }},
-      {"perturb",
-       [&options, argc, argv](const std::string& o) {
-         options.error_deg = number(o + " DEG", optarg, 0, 170);
-         options.error_m = number(o + " M", optind < argc ? argv[optind] : nullptr, 0, 10);
-         ++optind;  // the second value belongs to the option
-       }},
-      {"step-time", [&options](const std::string& o) { options.step_time = number(o, optarg, 0, 1e6); }},
-      {"step-rotation-deg",
-       [&options](const std::string& o) { options.step_deg = number(o, optarg, 0, 170); }},
-      {"step-translation-m", [&options](const std::string& o) { options.step_m = number(o, optarg, 0, 10); }},
-      {"beams", [&options](const std::string& o) { options.beams = integer(o, optarg, 16, 64); }},
-      {"width", [&options](const std::string& o) { options.width = integer(o, optarg, 64, 8192); }},
-      {"height", [&options](const std::string& o) { options.height = integer(o, optarg, 64, 8192); }},
-      {"mask-fraction",
-       [&options](const std::string& o) { options.mask_fraction = number(o, optarg, 0, 1); }},
-      {"compression",
-       [&options](const std::string& o) { options.compress = choice(o, optarg, "lz4", "none") == "lz4"; }},
-      {"pictures", [&options](const std::string&) { options.pictures = optarg; }},
-      {"threads", [&options](const std::string& o) { options.threads = integer(o, optarg, 1, 1024); }},
-      {"deskewed", [&options](const std::string&) { options.deskewed = true; }},
-      {"raw", [&options](const std::string&) { options.deskewed = false; }}};
-}
-
-std::vector<option> longOptions() {
-  std::vector<option> list;
-  for (const char* with_value :
-       {"seed", "frames", "rate", "speed", "perturb", "step-time", "step-rotation-deg", "step-translation-m",
-        "beams", "width", "height", "mask-fraction", "compression", "pictures", "threads"}) {
-    list.push_back({with_value, required_argument, nullptr, 0});
-  }
-  for (const char* flag : {"deskewed", "raw", "help"}) list.push_back({flag, no_argument, nullptr, 0});
-  list.push_back({nullptr, 0, nullptr, 0});
-  return list;
-}
-
-/// @return nothing if help was asked for.
-std::optional<Options> parse(int argc, char** argv) {
-  const std::vector<option> long_options = longOptions();
-  Options options;
-  const Setters set = setters(options, argc, argv);
-  opterr = 0;
-  for (int index = 0, code; (code = getopt_long(argc, argv, ":", long_options.data(), &index)) != -1;) {
-    const std::string word = optind > 0 && optind <= argc ? argv[optind - 1] : "";
-    if (code == ':') throw UsageError(word + " needs a value.");
-    if (code == '?') throw UsageError("Unknown option '" + word + "'.");
-    const std::string option_name = long_options[static_cast<std::size_t>(index)].name;
-    if (option_name == "help") return std::nullopt;
-    set.at(option_name)("--" + option_name);
-  }
-  if (optind + 1 != argc) {
-    throw UsageError(optind < argc ? "One bag at a time; what is '" + std::string(argv[optind + 1]) + "'?"
-                                   : "Which bag shall be written?");
-  }
-  options.out = argv[optind];
-  if (options.beams != 16 && options.beams != 32 && options.beams != 64) {
-    throw UsageError("--beams needs 16, 32 or 64, not " + std::to_string(options.beams) + ".");
-  }
-  return options;
-}
 
 Intrinsics cameraIntrinsics(const Options& options) {
   Intrinsics intrinsics;
@@ -214,8 +85,7 @@ Intrinsics cameraIntrinsics(const Options& options) {
   return intrinsics;
 }
 
-// --- messages
-// ------------------------------------------------------------------------------------------------------
+// --- messages ---
 
 std_msgs::Header header(double time, const char* frame) {
   std_msgs::Header result;
@@ -230,19 +100,6 @@ geometry_msgs::TransformStamped transform(double time, const char* parent, const
   message.header = header(time, parent);
   message.child_frame_id = child;
   return message;
-}
-
-sensor_msgs::CameraInfo cameraInfo(double time, const Intrinsics& intrinsics) {
-  sensor_msgs::CameraInfo info;
-  info.header = header(time, kCameraFrame);
-  info.width = static_cast<std::uint32_t>(intrinsics.width);
-  info.height = static_cast<std::uint32_t>(intrinsics.height);
-  info.distortion_model = name(intrinsics.model);
-  info.D = intrinsics.distortion;
-  info.K = {intrinsics.fx, 0, intrinsics.cx, 0, intrinsics.fy, intrinsics.cy, 0, 0, 1};
-  info.R = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-  info.P = {intrinsics.fx, 0, intrinsics.cx, 0, 0, intrinsics.fy, intrinsics.cy, 0, 0, 0, 1, 0};
-  return info;
 }
 
 sensor_msgs::PointCloud2 cloudMessage(double time, const std::vector<LidarReturn>& sweep) {
@@ -269,8 +126,7 @@ sensor_msgs::PointCloud2 cloudMessage(double time, const std::vector<LidarReturn
   return cloud;
 }
 
-// --- the bag
-// -------------------------------------------------------------------------------------------------------
+// --- the bag ---
 
 /// Writes messages in the order of their record times, though they are made in another: masks come late.
 /// The file gets its name when it is complete.
@@ -292,7 +148,7 @@ class DriveBag {
   template <typename Message>
   void add(const std::string& topic, double time, Message message, bool latched = false) {
     const ros::Time record_time(kEpoch + time);
-    const auto connection = latched ? latchedConnection<Message>(topic) : nullptr;
+    const auto connection = latched ? sharedConnection<Message>(topic) : nullptr;
     waiting_.emplace(record_time, [this, topic, record_time, connection, message = std::move(message)] {
       bag_.write(topic, record_time, message, connection);
     });
@@ -313,18 +169,10 @@ class DriveBag {
   }
 
  private:
-  /// A player then repeats the message for late subscribers, as its publisher would have.
   template <typename Message>
-  boost::shared_ptr<ros::M_string> latchedConnection(const std::string& topic) {
+  boost::shared_ptr<ros::M_string> sharedConnection(const std::string& topic) {
     auto& connection = latched_[topic];
-    if (!connection) {
-      connection = boost::make_shared<ros::M_string>();
-      (*connection)["callerid"] = "/simulate_drive";
-      (*connection)["latching"] = "1";
-      (*connection)["type"] = ros::message_traits::datatype<Message>();
-      (*connection)["md5sum"] = ros::message_traits::md5sum<Message>();
-      (*connection)["message_definition"] = ros::message_traits::definition<Message>();
-    }
+    if (!connection) connection = latchedConnection<Message>("/simulate_drive");
     return connection;
   }
 
@@ -335,8 +183,7 @@ class DriveBag {
   std::map<std::string, boost::shared_ptr<ros::M_string>> latched_;
 };
 
-// --- pictures for people
-// -------------------------------------------------------------------------------------------
+// --- pictures for people ---
 
 cv::Mat coloredMasks(const std::vector<cv::Mat>& layers, const cv::Mat& image) {
   cv::Mat all;
@@ -379,8 +226,7 @@ void writePicture(const std::string& folder, const std::string& what, int frame,
   if (!cv::imwrite(path, picture)) throw Error(ErrorCause::kFile, "Cannot write the picture " + path + ".");
 }
 
-// --- the drive
-// -----------------------------------------------------------------------------------------------------
+// --- the drive ---
 
 class Drive {
  public:
@@ -392,10 +238,11 @@ class Drive {
         camera_(cameraIntrinsics(options)),
         camera_sensor_(camera_, options.threads),
         lidar_sensor_(lidarConfig(options)),
-        bag_(options.out, options.compress) {
+        bag_(options.out, options.compression == "lz4") {
     const double angle = options.step_deg * kDegree;
     after_step_ = disturbed(rig_.T_camera_lidar, angle, options.step_m, options.seed + 1);
-    believed_ = disturbed(rig_.T_camera_lidar, options.error_deg * kDegree, options.error_m, options.seed);
+    believed_ =
+        disturbed(rig_.T_camera_lidar, options.error.first * kDegree, options.error.second, options.seed);
   }
 
   void run() {
@@ -480,15 +327,14 @@ class Drive {
     const Picture picture =
         camera_sensor_.take(scene_, T_world_lidar(time) * T_camera_lidar(time).inverse(), time, seed);
     std::vector<LidarReturn> sweep = lidar_sensor_.sweep(scene_, T_world_lidar, time, seed);
-    if (options_.deskewed) motionCompensate(sweep, T_world_lidar, time);
+    if (!options_.raw) motionCompensate(sweep, T_world_lidar, time);
     const std::vector<cv::Mat> masks = simulateMasks(picture, street_.world().parts, MaskConfig(), seed);
     points_ = sweep.size();
 
     // Record times: exposure and transport, the end of the sweep, and a segmenter that takes its time.
     const std_msgs::Header image_header = header(time, kCameraFrame);
-    bag_.add("/camera/image_raw", time + 0.035,
-             *cv_bridge::CvImage(image_header, "bgr8", picture.image).toImageMsg());
-    bag_.add("/camera/camera_info", time + 0.035, cameraInfo(time, camera_.intrinsics()));
+    bag_.add("/camera/image_raw", time + 0.035, *toImageMessage(picture.image, image_header));
+    bag_.add("/camera/camera_info", time + 0.035, toCameraInfo(image_header, camera_.intrinsics()));
     bag_.add("/lidar/points", time + half + 0.015, cloudMessage(time, sweep));
     Random random(seed, 8);
     const double delay = random.uniform(0.3, 2.5);
@@ -525,30 +371,76 @@ class Drive {
   int masks_ = 0;
 };
 
-int run(int argc, char** argv) {
-  try {
-    const std::optional<Options> options = parse(argc, argv);
-    if (!options) {
-      std::cout << kHelp;
-      return 0;
-    }
-    if (!options->pictures.empty()) std::filesystem::create_directories(options->pictures);
-    const std::clock_t start = std::clock();
-    Drive(*options).run();
-    std::fprintf(stderr, "%s: %d frames, %.1f MB, %.2f s of CPU a frame\n", options->out.c_str(),
-                 options->frames, static_cast<double>(std::filesystem::file_size(options->out)) / 1e6,
-                 static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC / options->frames);
-    return 0;
-  } catch (const UsageError& error) {
-    std::cerr << "simulate_drive: " << error.what() << " See --help.\n";
-    return 2;
-  } catch (const std::exception& error) {
-    std::cerr << "simulate_drive: " << error.what() << "\n";
-    return 1;
-  }
+int simulate(const Options& options) {
+  if (!options.pictures.empty()) std::filesystem::create_directories(options.pictures);
+  const std::clock_t start = std::clock();
+  Drive(options).run();
+  std::fprintf(stderr, "%s: %d frames, %.1f MB, %.2f s of CPU a frame\n", options.out.c_str(), options.frames,
+               static_cast<double>(std::filesystem::file_size(options.out)) / 1e6,
+               static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC / options.frames);
+  return kExitOk;
+}
+
+/// What the limits of single options cannot say.
+void check(const Options& options) {
+  if (options.beams != 16 && options.beams != 32 && options.beams != 64)
+    throw po::error("--beams " + std::to_string(options.beams) + ": must be 16, 32 or 64");
+  if (options.compression != "lz4" && options.compression != "none")
+    throw po::error("--compression " + options.compression + ": must be lz4 or none");
+  const auto [degrees, metres] = options.error;
+  if (!(degrees >= 0.0 && degrees <= 170.0 && metres >= 0.0 && metres <= 10.0))
+    throw po::error("--perturb takes an angle of 0 to 170 deg and a distance of 0 to 10 m");
 }
 
 }  // namespace
+
+int simulateDriveMain(int argc, char** argv) {
+  Options options;
+  CommandLine line{
+      "simulate_drive OUT.bag [options]",
+      "Drives a vehicle with a spinning LiDAR and a camera through a simulated street and records a bag "
+      "whose\n"
+      "tf_static holds an extrinsic that is off by a known amount. Topics: /camera/image_raw,\n"
+      "/camera/camera_info, /camera/masks, /lidar/points, /tf, /tf_static, /simulation/T_camera_lidar.\n"
+      "Beside the bag: OUT.truth.yaml, the true extrinsic (with a step also OUT.truth_after_step.yaml).",
+      po::options_description("Options"), "out", "--perturb"};
+  const auto add = [&line](const char* name, po::value_semantic* value, const char* what) {
+    line.options.add_options()(name, value, what);
+  };
+  add("out", po::value(&options.out)->required()->value_name("BAG"), "the bag");
+  add("seed", po::value(&options.seed)->value_name("N"), "another street and other errors (default 1)");
+  add("frames", inRange(1, 100000, &options.frames, "frames")->value_name("N"),
+      "pictures with a LiDAR sweep each (default 20)");
+  add("rate", inRange(0.1, 10.0, &options.rate, "rate")->value_name("HZ"), "frames per second (default 2)");
+  add("speed", inRange(0.0, 40.0, &options.speed, "speed")->value_name("V"),
+      "of the vehicle [m/s] (default 8)");
+  add("perturb", po::value(&options.error)->value_name("DEG M"),
+      "error of the extrinsic in tf_static: angle and distance (default 3 0.1)");
+  add("step-time", inRange(0.0, 1e6, &options.step_time, "step-time")->value_name("S"),
+      "the true extrinsic changes so long after the first frame [s] (default: never)");
+  add("step-rotation-deg", inRange(0.0, 170.0, &options.step_deg, "step-rotation-deg")->value_name("R"),
+      "by this angle (default 1)");
+  add("step-translation-m", inRange(0.0, 10.0, &options.step_m, "step-translation-m")->value_name("T"),
+      "and this distance (default 0.05)");
+  add("beams", po::value(&options.beams)->value_name("N"), "of the LiDAR: 16, 32 or 64 (default 64)");
+  add("raw", po::bool_switch(&options.raw),
+      "points as fired, each from the sensor's place at its time (default: moved to the stamp, as datasets "
+      "deliver them)");
+  add("width", inRange(64, 8192, &options.width, "width")->value_name("PX"), "of the picture (default 1242)");
+  add("height", inRange(64, 8192, &options.height, "height")->value_name("PX"), "default 376");
+  add("mask-fraction", inRange(0.0, 1.0, &options.mask_fraction, "mask-fraction")->value_name("F"),
+      "share of the pictures that get masks (default 1)");
+  add("compression", po::value(&options.compression)->value_name("lz4|none"), "of the bag (default lz4)");
+  add("pictures", po::value(&options.pictures)->value_name("DIR"),
+      "also write picture, masks and LiDAR over picture as PNG");
+  add("threads", inRange(1, 1024, &options.threads, "threads")->value_name("N"),
+      "does not change the result (default: one a core)");
+  return runTool(argc, argv, line, [&options](const po::variables_map&) {
+    check(options);
+    return simulate(options);
+  });
+}
+
 }  // namespace lidar_camera_recalibration
 
-int main(int argc, char** argv) { return lidar_camera_recalibration::run(argc, argv); }
+int main(int argc, char** argv) { return lidar_camera_recalibration::simulateDriveMain(argc, argv); }

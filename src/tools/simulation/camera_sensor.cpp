@@ -4,8 +4,8 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "parallel.hpp"
 #include "simulation/appearance.hpp"
-#include "simulation/parallel.hpp"
 #include "simulation/random.hpp"
 
 namespace lidar_camera_recalibration::simulation {
@@ -43,10 +43,16 @@ CameraSensor::CameraSensor(const Camera& camera, int threads)
       threads_(threads),
       pixel_angle_(static_cast<float>(1.0 / camera.intrinsics().fx)) {
   rays_.resize(static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_));
-  parallelFor(height_, threads_, [&](int v) {
+  forEachRow([&](int v) {
     for (int u = 0; u < width_; ++u)
       rays_[static_cast<std::size_t>(v * width_ + u)] = camera.ray({u, v}).cast<float>();
   });
+}
+
+template <typename Work>
+void CameraSensor::forEachRow(const Work& work) const {
+  parallelFor(static_cast<std::size_t>(height_), static_cast<std::size_t>(threads_),
+              [&work](std::size_t, std::size_t v) { work(static_cast<int>(v)); });
 }
 
 /// Bilinear between pixel centres; distortion is far smoother than a pixel.
@@ -98,7 +104,7 @@ CameraSensor::Sample CameraSensor::sample(const Scene& scene, const Vector3f& or
 void CameraSensor::smoothBorders(const Scene& scene, const Eigen::Isometry3f& pose, double time,
                                  const cv::Mat& part, cv::Mat& color) const {
   const Vector3f origin = pose.translation();
-  parallelFor(height_, threads_, [&](int v) {
+  forEachRow([&](int v) {
     for (int u = 0; u < width_; ++u) {
       const int here = part.at<int>(v, u);
       const bool border =
@@ -127,7 +133,7 @@ Picture CameraSensor::take(const Scene& scene, const Eigen::Isometry3d& T_world_
   picture.shadow.create(height_, width_, CV_8UC1);
   picture.image.create(height_, width_, CV_8UC3);
   cv::Mat color(height_, width_, CV_32FC3);
-  parallelFor(height_, threads_, [&](int v) {
+  forEachRow([&](int v) {
     for (int u = 0; u < width_; ++u) {
       const Sample s =
           sample(scene, origin, pose.linear() * rays_[static_cast<std::size_t>(v * width_ + u)], time);
@@ -138,7 +144,7 @@ Picture CameraSensor::take(const Scene& scene, const Eigen::Isometry3d& T_world_
   });
   smoothBorders(scene, pose, time, picture.part, color);
   cv::GaussianBlur(color, color, {3, 3}, 0.5);  // the lens
-  parallelFor(height_, threads_, [&](int v) {
+  forEachRow([&](int v) {
     Random random(seed, 3,
                   static_cast<std::uint64_t>(v));  // per row: the same picture for any number of threads
     for (int u = 0; u < width_; ++u) {

@@ -33,6 +33,8 @@ class CameraSensor {
   };
   Sample sample(const Scene& scene, const Eigen::Vector3f& origin, const Eigen::Vector3f& direction,
                 double time) const;
+  template <typename Work>
+  void forEachRow(const Work& work) const;
   Eigen::Vector3f rayAt(float u, float v) const;
   void smoothBorders(const Scene& scene, const Eigen::Isometry3f& pose, double time, const cv::Mat& part,
                      cv::Mat& color) const;

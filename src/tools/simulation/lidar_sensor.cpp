@@ -6,8 +6,8 @@
 
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
+#include "parallel.hpp"
 #include "simulation/appearance.hpp"
-#include "simulation/parallel.hpp"
 #include "simulation/random.hpp"
 
 namespace lidar_camera_recalibration::simulation {
@@ -69,12 +69,13 @@ LidarSensor::LidarSensor(const LidarConfig& config)
 
 std::vector<LidarReturn> LidarSensor::sweep(const Scene& scene, const Trajectory& T_world_lidar, double time,
                                             std::uint64_t seed) const {
-  const int columns = static_cast<int>(std::lround(360.0 / config_.azimuth_step_deg));
-  std::vector<std::vector<LidarReturn>> of_column(static_cast<std::size_t>(columns));
+  const auto columns = static_cast<std::size_t>(std::lround(360.0 / config_.azimuth_step_deg));
+  const double columns_around = static_cast<double>(columns);
+  std::vector<std::vector<LidarReturn>> of_column(columns);
   const std::vector<Part>& parts = scene.world().parts;
-  parallelFor(columns, config_.threads, [&](int column) {
-    Random random(seed, 4, static_cast<std::uint64_t>(column));
-    const double turned = (column + 0.5) / columns;
+  parallelFor(columns, static_cast<std::size_t>(config_.threads), [&](std::size_t, std::size_t column) {
+    Random random(seed, 4, column);
+    const double turned = (static_cast<double>(column) + 0.5) / columns_around;
     const double azimuth = M_PI - 2 * M_PI * turned, relative = config_.sweep_duration * (turned - 0.5);
     const Eigen::Isometry3f pose = T_world_lidar(time + relative).cast<float>();
     for (std::size_t ring = 0; ring < elevations_.size(); ++ring) {
@@ -92,9 +93,9 @@ std::vector<LidarReturn> LidarSensor::sweep(const Scene& scene, const Trajectory
       const double intensity = part.retro_reflective
                                    ? 255.0
                                    : 100.0 * signal * (1.0 + random.gaussian(0.06)) + random.gaussian(0.6);
-      of_column[static_cast<std::size_t>(column)].push_back(
-          {range * ray, static_cast<float>(relative), static_cast<float>(std::clamp(intensity, 0.0, 255.0)),
-           static_cast<std::uint16_t>(ring), hit->part});
+      of_column[column].push_back({range * ray, static_cast<float>(relative),
+                                   static_cast<float>(std::clamp(intensity, 0.0, 255.0)),
+                                   static_cast<std::uint16_t>(ring), hit->part});
     }
   });
   std::vector<LidarReturn> sweep;

@@ -44,8 +44,7 @@ Vector3f ObjectFactory::paintColor() {
   return varied(kPaints[static_cast<std::size_t>(random_.integer(0, 7))], 0.15F);
 }
 
-// --- vegetation
-// ----------------------------------------------------------------------------------------------------
+// --- vegetation ---
 
 void ObjectFactory::leaves(MeshBuilder& builder, const Vector3f& centre, const Vector3f& radii, int count,
                            float size, std::uint32_t part) {
@@ -94,8 +93,7 @@ void ObjectFactory::bush(Mesh& mesh, const Eigen::Isometry3f& T_mesh_local, floa
   }
 }
 
-// --- street furniture and people
-// -------------------------------------------------------------------------------------
+// --- street furniture and people ---
 
 void ObjectFactory::lamp(Mesh& mesh, const Eigen::Isometry3f& T_mesh_local) {
   MeshBuilder builder(mesh, T_mesh_local);
@@ -187,8 +185,7 @@ void ObjectFactory::fence(Mesh& mesh, const Eigen::Isometry3f& T_mesh_local, flo
   for (const float z : {0.25F, height - 0.2F}) builder.box({0, 0.013F, z}, {length, 0.06F, z + 0.07F}, part);
 }
 
-// --- vehicles
-// --------------------------------------------------------------------------------------------------------
+// --- vehicles ---
 
 void ObjectFactory::wheels(MeshBuilder& builder, int object, float half_base, float half_width,
                            float radius) {
@@ -337,8 +334,7 @@ void ObjectFactory::van(Mesh& mesh, const Eigen::Isometry3f& T_mesh_local) {
   carEnds(builder, object, l, w, 0.75F);
 }
 
-// --- houses
-// ----------------------------------------------------------------------------------------------------------
+// --- houses ---
 
 struct ObjectFactory::FrontStyle {
   int object;
