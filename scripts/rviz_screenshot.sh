@@ -17,6 +17,7 @@ fi
 
 work=$(mktemp -d)
 export XDG_RUNTIME_DIR=$work
+: >"$work/log"
 "$root/bootstrap" demo --rviz >"$work/log" 2>&1 &
 demo=$!
 trap 'kill "$demo" 2>/dev/null && wait "$demo"; rm -rf "$work"' EXIT
