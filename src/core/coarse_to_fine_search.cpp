@@ -8,6 +8,7 @@
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
 #include "parallel.hpp"
+#include "search_space.hpp"
 
 namespace lidar_camera_recalibration {
 namespace {
@@ -34,25 +35,13 @@ struct Prior {
   double translation_sigma;  // [m]
   double limit;              // of the shift on each axis [m]
 
-  /// Translation that the start would have after the rotation of T alone: the extrinsic turns about the
-  /// camera.
-  Eigen::Vector3d turned(const Eigen::Isometry3d& T) const {
-    return T.linear() * start.linear().transpose() * start.translation();
-  }
-
   void addTo(const Eigen::Isometry3d& T, Matrix6d& H, Vector6d& b) const {
     const double rotation = 1.0 / (kRotationSigma * kRotationSigma),
                  translation = 1.0 / (translation_sigma * translation_sigma);
     H.diagonal().head<3>().array() += rotation;
     H.diagonal().tail<3>().array() += translation;
     b.head<3>() += rotation * log(T * start.inverse()).head<3>();
-    b.tail<3>() += translation * (T.translation() - turned(T));
-  }
-
-  Eigen::Isometry3d limited(Eigen::Isometry3d T) const {
-    const Eigen::Vector3d centre = turned(T);
-    T.translation() = centre + (T.translation() - centre).cwiseMax(-limit).cwiseMin(limit);
-    return T;
+    b.tail<3>() += translation * (T.translation() - turnedTranslation(T, start));
   }
 };
 
@@ -79,7 +68,7 @@ Optimum descend(const EdgeEvaluator& evaluator, const Prior& prior, Eigen::Isome
       prior.addTo(T, H, b);
       Vector6d xi = -H.ldlt().solve(b);
       xi *= std::min({1.0, kMaxRotation / xi.head<3>().norm(), kMaxTranslation / xi.tail<3>().norm()});
-      T = prior.limited(exp(xi) * T);
+      T = withLimitedTranslation(exp(xi) * T, prior.start, prior.limit);
       if (xi.head<3>().norm() < tolerance * kFineRotation &&
           xi.tail<3>().norm() < tolerance * kFineTranslation) {
         break;
@@ -88,23 +77,6 @@ Optimum descend(const EdgeEvaluator& evaluator, const Prior& prior, Eigen::Isome
   }
   T.linear() = Eigen::Quaterniond(T.linear()).normalized().toRotationMatrix();
   return {T, evaluator.score(T, EdgeEvaluator::kScoreLevel), evaluations + 1};
-}
-
-Isometries rotationGrid(const Eigen::Isometry3d& start, double range) {
-  // The outermost places reach half a step further.
-  const int n = std::max(0, static_cast<int>(std::ceil(kGridMargin * range / kGridStep - 0.5)));
-  Isometries grid;
-  for (int x = -n; x <= n; ++x) {
-    for (int y = -n; y <= n; ++y) {
-      for (int z = -n; z <= n; ++z) {
-        Vector6d xi = Vector6d::Zero();
-        xi.head<3>() = kGridStep * Eigen::Vector3d(x, y, z);
-        Eigen::Isometry3d T = exp(xi) * start;
-        grid.push_back(T);
-      }
-    }
-  }
-  return grid;
 }
 
 /// Runs jobs in parallel and tells about them in batches: results do not depend on threads or batches.
@@ -158,7 +130,7 @@ Isometries candidates(const Isometries& grid, const std::vector<double>& scores)
 
 /// @throw Error as CoarseToFineSearch::run
 std::unique_ptr<EdgeEvaluator> edgeEvaluator(const Objective& objective, const Frames& frames) {
-  if (frames.empty()) throw Error(ErrorCause::kNotEnough, "search: there is no frame to search on");
+  requireFrames(frames);
   std::unique_ptr<Evaluator> evaluator = objective.evaluator(frames, {});
   auto* const edges = dynamic_cast<EdgeEvaluator*>(evaluator.get());
   if (edges == nullptr) {
@@ -179,10 +151,7 @@ std::unique_ptr<EdgeEvaluator> edgeEvaluator(const Objective& objective, const F
 }  // namespace
 
 CoarseToFineSearch::CoarseToFineSearch(const SearchConfig& config) : config_(config) {
-  if (config.threads < 1 || config.threads > 256) {
-    throw Error(ErrorCause::kParameter,
-                "threads: " + std::to_string(config.threads) + " is outside of 1 to 256");
-  }
+  requireThreads(config.threads);
 }
 
 SearchResult CoarseToFineSearch::run(const Objective& objective, const Frames& frames,
@@ -197,7 +166,9 @@ SearchResult CoarseToFineSearch::run(const Objective& objective, const Frames& f
   Stages stages(config_.threads, progress, result);
 
   // 1. Rotations, with wide borders.
-  const Isometries grid = rotationGrid(start, range.rotation_deg * kDegree);
+  // The outermost places reach half a step further.
+  const double reach = kGridMargin * range.rotation_deg * kDegree / kGridStep - 0.5;
+  const Isometries grid = rotationGrid(start, std::max(0, static_cast<int>(std::ceil(reach))), kGridStep);
   std::vector<double> scores(grid.size());
   double best = -1.0;
   const auto score = [&](std::size_t i) {

@@ -125,11 +125,11 @@ std::unique_ptr<Evaluator> EdgesObjective::evaluator(const Frames& frames, const
   std::vector<EdgeEvaluator::View> views;
   for (const FramePtr& frame : frames) {
     EdgeEvaluator::View view{field(frame), frame, {}};
+    std::vector<Pinhole> bounds;
+    for (const Eigen::Isometry3d& T : in_view) bounds.emplace_back(frame->camera.intrinsics(), T);
     for (std::size_t i = 0; i < frame->edges.size(); ++i) {
-      const auto sees = [&](const Eigen::Isometry3d& T) {
-        return Pinhole(frame->camera.intrinsics(), T)(frame->edges, i).inside;
-      };
-      if (std::all_of(in_view.begin(), in_view.end(), sees)) view.chosen.push_back(i);
+      const auto sees = [&](const Pinhole& project) { return project(frame->edges, i).inside; };
+      if (std::all_of(bounds.begin(), bounds.end(), sees)) view.chosen.push_back(i);
     }
     views.push_back(std::move(view));
   }

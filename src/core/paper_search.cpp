@@ -7,6 +7,7 @@
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
 #include "parallel.hpp"
+#include "search_space.hpp"
 
 namespace lidar_camera_recalibration {
 
@@ -70,23 +71,7 @@ class Contest {
   double best_ = 0.0;
 };
 
-std::vector<Eigen::Isometry3d> rotationGrid(const Eigen::Isometry3d& start, double range, double step) {
-  const int n = static_cast<int>(std::floor(range / step + 1e-9));
-  std::vector<Eigen::Isometry3d> grid;
-  for (int x = -n; x <= n; ++x) {
-    for (int y = -n; y <= n; ++y) {
-      for (int z = -n; z <= n; ++z) {
-        Vector6d xi = Vector6d::Zero();
-        xi.head<3>() = step * Eigen::Vector3d(x, y, z);
-        grid.push_back(exp(xi) * start);
-      }
-    }
-  }
-  return grid;
-}
-
-/// @param limit  translations further than this from `start` on an axis are brought back to it: the user said
-/// how far off it can be
+/// @param limit  of the translation, see withLimitedTranslation
 std::vector<Eigen::Isometry3d> randomCandidates(const Eigen::Isometry3d& centre, const Vector6d& range,
                                                 std::size_t count, std::mt19937_64& random,
                                                 const Eigen::Isometry3d& start, double limit) {
@@ -95,11 +80,7 @@ std::vector<Eigen::Isometry3d> randomCandidates(const Eigen::Isometry3d& centre,
   for (std::size_t i = 0; i < count; ++i) {
     Vector6d xi;
     for (int k = 0; k < 6; ++k) xi[k] = range[k] * uniform(random);
-    Eigen::Isometry3d T = exp(xi) * centre;
-    const Eigen::Vector3d rotated = T.linear() * start.linear().transpose() * start.translation();
-    const Eigen::Vector3d shift = T.translation() - rotated;
-    T.translation() = rotated + shift.cwiseMax(-limit).cwiseMin(limit);
-    candidates.push_back(T);
+    candidates.push_back(withLimitedTranslation(exp(xi) * centre, start, limit));
   }
   return candidates;
 }
@@ -121,10 +102,6 @@ bool refineRandomly(Contest& contest, const SearchConfig& config, std::size_t ev
   return true;
 }
 
-void requireFrames(const Frames& frames) {
-  if (frames.empty()) throw Error(ErrorCause::kNotEnough, "search: there is no frame to search on");
-}
-
 }  // namespace
 
 PaperSearch::PaperSearch(const SearchConfig& config) : config_(config) {
@@ -136,18 +113,15 @@ PaperSearch::PaperSearch(const SearchConfig& config) : config_(config) {
     throw Error(ErrorCause::kParameter, "refine_evaluations: " + std::to_string(config.refine_evaluations) +
                                             " is outside of 0 to 10000000");
   }
-  if (config.threads < 1 || config.threads > 256) {
-    throw Error(ErrorCause::kParameter,
-                "threads: " + std::to_string(config.threads) + " is outside of 1 to 256");
-  }
+  requireThreads(config.threads);
 }
 
 SearchResult PaperSearch::run(const Objective& objective, const Frames& frames,
                               const Eigen::Isometry3d& start, const SearchRange& range,
                               const Progress& progress) const {
   requireFrames(frames);
-  const std::vector<Eigen::Isometry3d> grid =
-      rotationGrid(start, range.rotation_deg * kDegree, config_.grid_step_deg * kDegree);
+  const int steps = static_cast<int>(std::floor(range.rotation_deg / config_.grid_step_deg + 1e-9));
+  const std::vector<Eigen::Isometry3d> grid = rotationGrid(start, steps, config_.grid_step_deg * kDegree);
   const std::size_t refinement = static_cast<std::size_t>(config_.refine_evaluations);
   Contest contest(objective, frames, start, config_.threads, grid.size() + refinement, progress);
   if (contest.enter(grid)) {

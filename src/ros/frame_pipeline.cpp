@@ -95,7 +95,10 @@ void FramePipeline::score(const FrameMessages& messages, const FramePtr& frame,
       scoreMessage(messages.image->header, score, validityIndex(*evaluator, extrinsic));
   message.reason = buffer_.refusal(messages.image->header.stamp);
   message.used = message.reason.empty();
-  if (message.used) buffer_.add(frame, messages.image->header.stamp);
+  if (message.used) {
+    buffer_.add(frame, messages.image->header.stamp);
+    if (outputs_.kept) outputs_.kept(messages);
+  }
   newest_ = Newest{frame, messages.image->header, messages.cloud->header};
   newest_->cloud_header.frame_id = frameIds(messages, config_).lidar;
   last_problem_.clear();

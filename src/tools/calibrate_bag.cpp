@@ -13,7 +13,6 @@
 #include <cmath>
 #include <cstdio>
 #include <iostream>
-#include <mutex>
 #include <opencv2/imgcodecs.hpp>
 #include <optional>
 
@@ -113,21 +112,15 @@ class TfReader {
   rosbag::View::iterator next_;
 };
 
-/// Puts the bags' messages into the server, and remembers those of the newest frame that it kept.
+/// Puts the bags' messages into the server.
 class Feeder {
  public:
-  Feeder(const Bags& bags, const InputTopics& topics, const ServerConfig& config, tf2::BufferCore& tf)
-      : topics_(topics), tf_reader_(bags, tf), frames_(config.synchroniser) {
+  Feeder(const Bags& bags, const InputTopics& topics, tf2::BufferCore& tf)
+      : topics_(topics), tf_reader_(bags, tf) {
     for (const auto& bag : bags) {
       view_.addQuery(*bag,
                      rosbag::TopicQuery({topics.image, topics.camera_info, topics.points, topics.masks}));
     }
-  }
-
-  /// Called by the server.
-  void frameScored(const CalibrationScore& score) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (score.used) used_stamp_ = score.header.stamp;
   }
 
   void run(RecalibrationServer& server, ProgressBar& progress) {
@@ -137,17 +130,12 @@ class Feeder {
       feed(server, message);
       // The server's queue drops what it cannot take; here there is time.
       server.waitUntilIdle();
-      keepNewest();
       if (length > 0.0) progress.show("reading", (message.getTime().toSec() - begin) / length);
     }
     server.flush();
-    frames_.flush();
     server.waitUntilIdle();
-    keepNewest();
     progress.show("reading", 1.0);
   }
-
-  const std::optional<FrameMessages>& newest() const { return newest_; }
 
  private:
   void feed(RecalibrationServer& server, const rosbag::MessageInstance& message) {
@@ -157,17 +145,13 @@ class Feeder {
       if (!image) return;
       if (topic == topics_.image) {
         server.addImage(image);
-        frames_.addImage(image);
       } else {
         server.addMasks(image);
-        frames_.addMasks(image);
       }
     } else if (const auto info = message.instantiate<sensor_msgs::CameraInfo>()) {
       server.addCameraInfo(info);
-      frames_.addCameraInfo(info);
     } else if (const auto cloud = message.instantiate<sensor_msgs::PointCloud2>()) {
       server.addCloud(cloud);
-      frames_.addCloud(cloud);
     }
   }
 
@@ -181,20 +165,9 @@ class Feeder {
     }
   }
 
-  void keepNewest() {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    while (const auto frame = frames_.next()) {
-      if (frame->image->header.stamp == used_stamp_) newest_ = frame;
-    }
-  }
-
   InputTopics topics_;
   TfReader tf_reader_;
-  FrameSynchroniser frames_;
   rosbag::View view_;
-  std::mutex mutex_;
-  ros::Time used_stamp_;
-  std::optional<FrameMessages> newest_;
 };
 
 std::string droppedByCause(const RecalibrationState& state) {
@@ -309,10 +282,8 @@ std::string toJson(const CalibrationResult& result, const std::optional<Eigen::I
   return out.c_str();
 }
 
-void writeOverlay(const std::string& file, const std::optional<FrameMessages>& newest,
-                  const CalibrationResult& result, const ServerConfig& config) {
-  if (!newest) throw Error(ErrorCause::kNotEnough, "there is no frame to draw for --overlay");
-  const FrameMessages& messages = *newest;
+void writeOverlay(const std::string& file, const FrameMessages& messages, const CalibrationResult& result,
+                  const ServerConfig& config) {
   const FrameInputs inputs = readMessages(messages, config);
   const Eigen::Isometry3d before = isometry(result.start), after = isometry(result.transform);
   const FramePtr frame = makeFrame(messages.image->header.stamp.toSec(), inputs.camera, inputs.image,
@@ -338,10 +309,11 @@ int calibrateBags(const Options& options) {
 
   // Masks come late, and the transform is looked up at the stamp of their image.
   tf2::BufferCore tf(ros::Duration(2.0 * config.synchroniser.mask_timeout + 10.0));
-  Feeder feeder(bags, topics, config, tf);
+  Feeder feeder(bags, topics, tf);
+  FrameMessages newest;  // written by the server's thread, read when it is idle
   ProgressBar progress;
   ServerOutputs outputs;
-  outputs.score = [&feeder](const CalibrationScore& score) { feeder.frameScored(score); };
+  outputs.kept = [&newest](const FrameMessages& messages) { newest = messages; };
   outputs.state = [&progress](const RecalibrationState& state) {
     if (state.state == RecalibrationState::SEARCHING) progress.show("searching", state.progress);
   };
@@ -357,8 +329,7 @@ int calibrateBags(const Options& options) {
     std::cout << "result: " << options.out << (result.accepted ? "" : " (says that it was rejected)") << '\n';
   }
   if (!options.json.empty()) writeFileAtomically(options.json, toJson(result, reference, seconds) + "\n");
-  if (!options.overlay.empty() && feeder.newest())
-    writeOverlay(options.overlay, *feeder.newest(), result, config);
+  if (!options.overlay.empty()) writeOverlay(options.overlay, newest, result, config);
   return result.accepted ? kExitOk : kExitRejected;
 }
 

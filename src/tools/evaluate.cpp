@@ -20,6 +20,7 @@
 #include "lidar_camera_recalibration/calibrator.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/result_file.hpp"
+#include "parallel.hpp"
 #include "parameters.hpp"
 #include "perturbation.hpp"
 #include "statistics.hpp"
@@ -142,28 +143,25 @@ Evaluation runTrials(const Options& options, const std::vector<Input>& inputs, c
   const Camera camera(dataset.intrinsics());
   Evaluation evaluation;
   evaluation.trials.resize(static_cast<std::size_t>(options.trials));
-  std::atomic<std::size_t> next{0}, done{0};
+  std::size_t done = 0;
   std::mutex mutex;
   std::exception_ptr problem;
+  std::atomic<bool> failed{false};
   ProgressBar progress;
   progress.show("trials", 0.0);
   const std::clock_t cpu_before = std::clock();
-  const auto work = [&] {
-    for (std::size_t i = next++; i < evaluation.trials.size(); i = next++) {
-      try {
-        evaluation.trials[i] = runTrial(options, inputs, dataset, camera, config, i);
-      } catch (...) {
-        const std::lock_guard<std::mutex> lock(mutex);
-        problem = std::current_exception();
-        next = evaluation.trials.size();
-      }
+  parallelFor(evaluation.trials.size(), static_cast<std::size_t>(workers), [&](std::size_t, std::size_t i) {
+    if (failed) return;
+    try {
+      evaluation.trials[i] = runTrial(options, inputs, dataset, camera, config, i);
+    } catch (...) {
       const std::lock_guard<std::mutex> lock(mutex);
-      progress.show("trials", double(++done) / double(options.trials));
+      problem = std::current_exception();
+      failed = true;
     }
-  };
-  std::vector<std::thread> pool;
-  for (int i = 0; i < workers; ++i) pool.emplace_back(work);
-  for (std::thread& thread : pool) thread.join();
+    const std::lock_guard<std::mutex> lock(mutex);
+    progress.show("trials", double(++done) / double(options.trials));
+  });
   if (problem) std::rethrow_exception(problem);
   evaluation.cpu_seconds = double(std::clock() - cpu_before) / CLOCKS_PER_SEC;
   return evaluation;
