@@ -11,6 +11,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "dataset_files.hpp"
+#include "dataset_writing.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 
 namespace lidar_camera_recalibration {
@@ -366,6 +367,86 @@ TEST(RealDataset, Pandar64) {
   EXPECT_LE(cloud.size(), 101340u);
   ASSERT_EQ(cloud.ring.size(), cloud.size());
   EXPECT_LT(*std::max_element(cloud.ring.begin(), cloud.ring.end()), 64);
+}
+
+// --- what is written is read back ---
+
+Intrinsics smallCamera() {
+  Intrinsics intrinsics;
+  intrinsics.width = kWidth;
+  intrinsics.height = kHeight;
+  intrinsics.fx = 10.1;
+  intrinsics.fy = 10.2;
+  intrinsics.cx = 4.3;
+  intrinsics.cy = 2.9;
+  intrinsics.model = DistortionModel::kPlumbBob;
+  intrinsics.distortion = {-0.19, 1.0 / 3.0, 6e-4, -9e-4, 0.0};
+  return intrinsics;
+}
+
+TEST_F(DatasetTest, WrittenFramesAreReadBack) {
+  const cv::Mat image(kHeight, kWidth, CV_8UC3, cv::Scalar(10, 20, 30));
+  cv::Mat parts = cv::Mat::zeros(kHeight, kWidth, CV_32SC1), things = parts.clone();
+  parts.at<int>(2, 3) = 65535;
+  parts.at<int>(4, 1) = 7;
+  things.at<int>(5, 6) = 300;
+  PointCloud cloud;
+  cloud.points = {{1.1F, -2.2F, 3.3F}, {-4.4F, 5.5F, -6.6F}};
+  cloud.reflectivity = {0.25F, 255.0F};
+  cloud.ring = {63, 0};
+  const Eigen::Isometry3d T(Eigen::Translation3d(0.1, -0.2, 1.0 / 3.0) *
+                            Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, 2, 3).normalized()));
+  const fs::path folder = root_ / "written";
+  DatasetWriter writer(folder.string(), smallCamera());
+  writer.add(image, {parts, things}, cloud);
+  writer.add(image, {}, cloud);
+  refusal([&] { open("written"); });  // not before it is complete
+  writer.finish(T, "a \"note\"");
+
+  const auto dataset = open("written");
+  EXPECT_EQ(dataset->layout(), "CalibAnything");
+  ASSERT_EQ(dataset->size(), 2u);
+  ASSERT_TRUE(dataset->reference());
+  EXPECT_TRUE(dataset->reference()->isApprox(T, 1e-14));
+  const Intrinsics& intrinsics = dataset->intrinsics();
+  EXPECT_EQ(intrinsics.fx, 10.1);
+  EXPECT_EQ(intrinsics.fy, 10.2);
+  EXPECT_EQ(intrinsics.cx, 4.3);
+  EXPECT_EQ(intrinsics.cy, 2.9);
+  EXPECT_EQ(intrinsics.model, DistortionModel::kPlumbBob);
+  EXPECT_EQ(intrinsics.distortion, smallCamera().distortion);
+  EXPECT_EQ(cv::norm(dataset->image(0), image, cv::NORM_INF), 0.0);
+  const PointCloud read = dataset->cloud(0);
+  EXPECT_EQ(read.points, cloud.points);
+  EXPECT_EQ(read.reflectivity, cloud.reflectivity);
+  EXPECT_EQ(read.ring, cloud.ring);
+  const std::vector<cv::Mat> layers = dataset->maskLayers(0);
+  ASSERT_EQ(layers.size(), 2u);
+  EXPECT_EQ(cv::norm(layers[0], parts, cv::NORM_INF), 0.0);
+  EXPECT_EQ(cv::norm(layers[1], things, cv::NORM_INF), 0.0);
+  EXPECT_TRUE(dataset->maskLayers(1).empty());
+  expectContains(refusal([&] { DatasetWriter(folder.string(), smallCamera()); }), "already holds a dataset");
+}
+
+TEST_F(DatasetTest, WhatTheLayoutCannotHoldIsNotWritten) {
+  const auto cause = [](const auto& action) {
+    try {
+      action();
+    } catch (const Error& error) {
+      return error.cause();
+    }
+    ADD_FAILURE() << "nothing was thrown";
+    return ErrorCause::kCloud;
+  };
+  Intrinsics fisheye = smallCamera();
+  fisheye.model = DistortionModel::kEquidistant;
+  fisheye.distortion = {0.1, 0.0, 0.0, 0.0};
+  EXPECT_EQ(cause([&] { DatasetWriter((root_ / "fisheye").string(), fisheye); }), ErrorCause::kCamera);
+  DatasetWriter writer((root_ / "other").string(), smallCamera());
+  const cv::Mat image(kHeight, kWidth, CV_8UC3), layer(kHeight, kWidth, CV_32SC1, cv::Scalar(65536));
+  EXPECT_EQ(cause([&] { writer.add(image, {layer}, {}); }), ErrorCause::kMasks);
+  const cv::Mat one(kHeight, kWidth, CV_32SC1, cv::Scalar(1));
+  EXPECT_EQ(cause([&] { writer.add(image, {one, one, one, one, one}, {}); }), ErrorCause::kMasks);
 }
 
 }  // namespace

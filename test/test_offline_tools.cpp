@@ -1,6 +1,10 @@
 // The programs themselves, as a user calls them: from a dataset folder to a bag to a result.
 
 #include <gtest/gtest.h>
+#include <rosbag/bag.h>
+#include <rosbag/view.h>
+#include <sensor_msgs/PointCloud2.h>
+#include <sensor_msgs/point_cloud2_iterator.h>
 #include <sys/wait.h>
 #include <yaml-cpp/yaml.h>
 
@@ -10,6 +14,8 @@
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
 
+#include "conversions.hpp"
+#include "dataset.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
 #include "lidar_camera_recalibration/result_file.hpp"
 #include "perturbation.hpp"
@@ -151,6 +157,59 @@ TEST_F(OfflineToolsTest, EvaluationDoesNotDependOnThreads) {
     EXPECT_NEAR(figures[error]["mean"].as<double>(), median, 1e-6);  // of two values
   }
   EXPECT_GT(figures["cpu_seconds_per_run"].as<double>(), 0.0);
+}
+
+template <typename Message>
+std::vector<boost::shared_ptr<Message>> messages(const rosbag::Bag& bag, const std::string& topic) {
+  std::vector<boost::shared_ptr<Message>> result;
+  for (const auto& message : rosbag::View(bag, rosbag::TopicQuery(topic))) {
+    result.push_back(message.instantiate<Message>());
+  }
+  return result;
+}
+
+TEST_F(OfflineToolsTest, SimulatedDatasetIsTheSimulatedBag) {
+  if (!fs::exists(TOOL_DIR "/simulate_drive")) GTEST_SKIP() << "simulate_drive was not built: no Embree";
+  const Finished run = call(
+      "simulate_drive drive.bag --dataset drive --frames 2 --rate 0.02 --beams 16 --width 320 --height 96");
+  ASSERT_EQ(run.status, 0) << run.output;
+  const auto dataset = Dataset::open(path("drive"));
+  ASSERT_EQ(dataset->size(), 2u);
+  ASSERT_TRUE(dataset->reference());
+  const Eigen::Isometry3d truth = readCalibration(path("drive.truth.yaml")).T_camera_lidar;
+  EXPECT_TRUE(dataset->reference()->isApprox(truth, 1e-12));
+
+  const rosbag::Bag bag(path("drive.bag"));
+  const auto clouds = messages<sensor_msgs::PointCloud2>(bag, "/lidar/points");
+  const auto masks = messages<sensor_msgs::Image>(bag, "/camera/masks");
+  const auto images = messages<sensor_msgs::Image>(bag, "/camera/image_raw");
+  const auto infos = messages<sensor_msgs::CameraInfo>(bag, "/camera/camera_info");
+  ASSERT_EQ(clouds.size(), 2u);
+  ASSERT_EQ(masks.size(), 2u);
+  ASSERT_EQ(images.size(), 2u);
+  EXPECT_NEAR((images[1]->header.stamp - images[0]->header.stamp).toSec(), 50.0, 1e-6);
+  EXPECT_EQ(infos.at(0)->D, dataset->intrinsics().distortion);
+  EXPECT_EQ(infos.at(0)->K[4], dataset->intrinsics().fy);
+  for (std::size_t i = 0; i < 2; ++i) {
+    const PointCloud cloud = dataset->cloud(i);
+    ASSERT_EQ(cloud.size(), clouds[i]->width);
+    ASSERT_EQ(cloud.ring.size(), cloud.size());
+    sensor_msgs::PointCloud2ConstIterator<float> xyz(*clouds[i], "x"), intensity(*clouds[i], "intensity");
+    sensor_msgs::PointCloud2ConstIterator<std::uint16_t> ring(*clouds[i], "ring");
+    std::size_t different = 0;
+    for (std::size_t k = 0; k < cloud.size(); ++k, ++xyz, ++intensity, ++ring) {
+      different += cloud.points[k] != Eigen::Vector3f(xyz[0], xyz[1], xyz[2]) || cloud.ring[k] != *ring ||
+                   cloud.reflectivity[k] != *intensity;
+    }
+    EXPECT_EQ(different, 0u);
+    const std::vector<cv::Mat> read = dataset->maskLayers(i), sent = toMaskLayers(*masks[i]);
+    ASSERT_EQ(read.size(), sent.size());
+    for (std::size_t k = 0; k < read.size(); ++k) EXPECT_EQ(cv::norm(read[k], sent[k], cv::NORM_INF), 0.0);
+    EXPECT_EQ(cv::norm(dataset->image(i), toBgr(*images[i]), cv::NORM_INF), 0.0);
+  }
+  EXPECT_EQ(call("simulate_drive --dataset drive --frames 1").status, 1);  // it is there already
+  EXPECT_EQ(call("simulate_drive --frames 1").status, 2);
+  EXPECT_EQ(call("simulate_drive --dataset steps --step-time 1").status, 2);
 }
 
 TEST_F(OfflineToolsTest, WrongUseAndBadInput) {

@@ -261,6 +261,8 @@ std::vector<cv::Mat> readLabelImage(const fs::path& file) {
   labels.convertTo(wide, CV_32S);
   std::vector<cv::Mat> layers;
   cv::split(wide, layers);
+  // PNG has no images of two channels, so two layers come as three.
+  while (layers.size() > 1 && cv::countNonZero(layers.back()) == 0) layers.pop_back();
   return layers;
 }
 

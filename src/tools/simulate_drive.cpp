@@ -1,4 +1,5 @@
-// Writes a rosbag of a simulated drive through a street, with the exact extrinsic beside it.
+// Writes a simulated drive through a street as a rosbag with the exact extrinsic beside it, as a dataset, or
+// both.
 
 #include <cv_bridge/cv_bridge.h>
 #include <geometry_msgs/TransformStamped.h>
@@ -25,6 +26,7 @@
 #include "bag_writing.hpp"
 #include "command_line.hpp"
 #include "conversions.hpp"
+#include "dataset_writing.hpp"
 #include "lidar_camera_recalibration/camera.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
@@ -55,7 +57,7 @@ const char* const kCameraLinkFrame = "camera_link";
 const char* const kCameraFrame = "camera_optical_frame";
 
 struct Options {
-  std::string out;
+  std::string out, dataset;  ///< bag and folder; one of them may be empty
   std::uint64_t seed = 1;
   int frames = 20;
   double rate = 2.0, speed = 8.0;
@@ -183,6 +185,18 @@ class DriveBag {
   std::map<std::string, boost::shared_ptr<ros::M_string>> latched_;
 };
 
+// --- the dataset ---
+
+PointCloud pointCloud(const std::vector<LidarReturn>& sweep) {
+  PointCloud cloud;
+  for (const LidarReturn& r : sweep) {
+    cloud.points.push_back(r.point);
+    cloud.reflectivity.push_back(r.intensity);
+    cloud.ring.push_back(r.ring);
+  }
+  return cloud;
+}
+
 // --- pictures for people ---
 
 cv::Mat coloredMasks(const std::vector<cv::Mat>& layers, const cv::Mat& image) {
@@ -237,8 +251,9 @@ class Drive {
         rig_(makeRig(options.seed)),
         camera_(cameraIntrinsics(options)),
         camera_sensor_(camera_, options.threads),
-        lidar_sensor_(lidarConfig(options)),
-        bag_(options.out, options.compression == "lz4") {
+        lidar_sensor_(lidarConfig(options)) {
+    if (!options.out.empty()) bag_.emplace(options.out, options.compression == "lz4");
+    if (!options.dataset.empty()) dataset_.emplace(options.dataset, camera_.intrinsics());
     const double angle = options.step_deg * kDegree;
     after_step_ = disturbed(rig_.T_camera_lidar, angle, options.step_m, options.seed + 1);
     believed_ =
@@ -246,16 +261,19 @@ class Drive {
   }
 
   void run() {
-    writeTruth();
-    writeStaticTransforms();
+    if (bag_) {
+      writeTruth();
+      writeStaticTransforms();
+    }
     for (int i = 0; i < options_.frames; ++i) {
       const double time = kLead + i / options_.rate;
-      writeEgoMotion(time + kLead);
+      if (bag_) writeEgoMotion(time + kLead);
       simulateFrame(i, time);
-      bag_.flush(time);
+      if (bag_) bag_->flush(time);
       std::fprintf(stderr, "frame %d of %d: %zu points, %d masks\n", i + 1, options_.frames, points_, masks_);
     }
-    bag_.close();
+    if (bag_) bag_->close();
+    if (dataset_) dataset_->finish(rig_.T_camera_lidar, "simulated; the extrinsic is exact. " + source());
   }
 
  private:
@@ -273,6 +291,8 @@ class Drive {
     return stepHappens() && time >= kLead + options_.step_time ? after_step_ : rig_.T_camera_lidar;
   }
 
+  std::string source() const { return "simulate_drive --seed " + std::to_string(options_.seed); }
+
   void writeTruth() {
     std::filesystem::path path(options_.out);
     StoredCalibration truth;
@@ -280,20 +300,20 @@ class Drive {
     truth.lidar_frame = kLidarFrame;
     truth.reason = "exact, from the simulation";
     truth.frames = static_cast<std::size_t>(options_.frames);
-    truth.source = "simulate_drive --seed " + std::to_string(options_.seed);
+    truth.source = source();
     truth.stamp = kEpoch;
     truth.T_camera_lidar = rig_.T_camera_lidar;
     writeCalibration(path.replace_extension(".truth.yaml").string(), truth);
-    bag_.add("/simulation/T_camera_lidar", 0.0,
-             transform(0.0, kCameraFrame, kLidarFrame, rig_.T_camera_lidar), true);
+    bag_->add("/simulation/T_camera_lidar", 0.0,
+              transform(0.0, kCameraFrame, kLidarFrame, rig_.T_camera_lidar), true);
     if (!stepHappens()) return;
     const double time = kLead + options_.step_time;
     truth.stamp = kEpoch + time;
     truth.T_camera_lidar = after_step_;
     path = options_.out;
     writeCalibration(path.replace_extension(".truth_after_step.yaml").string(), truth);
-    bag_.add("/simulation/T_camera_lidar", time, transform(time, kCameraFrame, kLidarFrame, after_step_),
-             true);
+    bag_->add("/simulation/T_camera_lidar", time, transform(time, kCameraFrame, kLidarFrame, after_step_),
+              true);
   }
 
   /// What the vehicle believes: base_link -> lidar and base_link -> camera_link -> camera_optical_frame.
@@ -304,7 +324,7 @@ class Drive {
     message.transforms = {transform(0.0, kBaseFrame, kLidarFrame, rig_.T_base_lidar),
                           transform(0.0, kBaseFrame, kCameraLinkFrame, T_base_link),
                           transform(0.0, kCameraLinkFrame, kCameraFrame, T_link_optical)};
-    bag_.add("/tf_static", 0.0, message, true);
+    bag_->add("/tf_static", 0.0, message, true);
   }
 
   void writeEgoMotion(double until) {
@@ -312,7 +332,7 @@ class Drive {
       const double time = tf_count_ * kTfPeriod;
       tf2_msgs::TFMessage message;
       message.transforms = {transform(time, "odom", kBaseFrame, T_odom_base(time))};
-      bag_.add("/tf", time + 0.002, message);
+      bag_->add("/tf", time + 0.002, message);
     }
   }
 
@@ -331,23 +351,28 @@ class Drive {
     const std::vector<cv::Mat> masks = simulateMasks(picture, street_.world().parts, MaskConfig(), seed);
     points_ = sweep.size();
 
-    // Record times: exposure and transport, the end of the sweep, and a segmenter that takes its time.
-    const std_msgs::Header image_header = header(time, kCameraFrame);
-    bag_.add("/camera/image_raw", time + 0.035, *toImageMessage(picture.image, image_header));
-    bag_.add("/camera/camera_info", time + 0.035, toCameraInfo(image_header, camera_.intrinsics()));
-    bag_.add("/lidar/points", time + half + 0.015, cloudMessage(time, sweep));
     Random random(seed, 8);
-    const double delay = random.uniform(0.3, 2.5);
-    masks_ = 0;
-    if (random.chance(options_.mask_fraction)) {
-      masks_ = countMasks(masks);
-      bag_.add("/camera/masks", time + delay, toMaskMessage(image_header, masks));
-    }
+    const double mask_delay = random.uniform(0.3, 2.5);
+    const bool has_masks = random.chance(options_.mask_fraction);
+    masks_ = has_masks ? countMasks(masks) : 0;
+    const std::vector<cv::Mat> written_masks = has_masks ? masks : std::vector<cv::Mat>();
+    if (bag_) record(time, mask_delay, picture.image, written_masks, sweep);
+    if (dataset_) dataset_->add(picture.image, written_masks, pointCloud(sweep));
     if (options_.pictures.empty()) return;
     writePicture(options_.pictures, "image", index, picture.image);
     writePicture(options_.pictures, "masks", index, coloredMasks(masks, picture.image));
     writePicture(options_.pictures, "lidar", index,
                  lidarOverPicture(picture.image, camera_, T_camera_lidar(time), sweep));
+  }
+
+  /// Record times: exposure and transport, the end of the sweep, and a segmenter that takes its time.
+  void record(double time, double mask_delay, const cv::Mat& image, const std::vector<cv::Mat>& masks,
+              const std::vector<LidarReturn>& sweep) {
+    const std_msgs::Header image_header = header(time, kCameraFrame);
+    bag_->add("/camera/image_raw", time + 0.035, *toImageMessage(image, image_header));
+    bag_->add("/camera/camera_info", time + 0.035, toCameraInfo(image_header, camera_.intrinsics()));
+    bag_->add("/lidar/points", time + 0.5 * lidar_sensor_.duration() + 0.015, cloudMessage(time, sweep));
+    if (!masks.empty()) bag_->add("/camera/masks", time + mask_delay, toMaskMessage(image_header, masks));
   }
 
   static int countMasks(const std::vector<cv::Mat>& layers) {
@@ -365,7 +390,8 @@ class Drive {
   Camera camera_;
   CameraSensor camera_sensor_;
   LidarSensor lidar_sensor_;
-  DriveBag bag_;
+  std::optional<DriveBag> bag_;
+  std::optional<DatasetWriter> dataset_;
   int tf_count_ = 0;
   std::size_t points_ = 0;
   int masks_ = 0;
@@ -375,14 +401,22 @@ int simulate(const Options& options) {
   if (!options.pictures.empty()) std::filesystem::create_directories(options.pictures);
   const std::clock_t start = std::clock();
   Drive(options).run();
-  std::fprintf(stderr, "%s: %d frames, %.1f MB, %.2f s of CPU a frame\n", options.out.c_str(), options.frames,
-               static_cast<double>(std::filesystem::file_size(options.out)) / 1e6,
-               static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC / options.frames);
+  const double cpu_seconds = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
+  if (!options.dataset.empty()) std::fprintf(stderr, "%s: a dataset\n", options.dataset.c_str());
+  if (!options.out.empty()) {
+    std::fprintf(stderr, "%s: %.1f MB\n", options.out.c_str(),
+                 static_cast<double>(std::filesystem::file_size(options.out)) / 1e6);
+  }
+  std::fprintf(stderr, "%d frames, %.2f s of CPU a frame\n", options.frames, cpu_seconds / options.frames);
   return kExitOk;
 }
 
 /// What the limits of single options cannot say.
 void check(const Options& options) {
+  if (options.out.empty() && options.dataset.empty())
+    throw po::error("name what to write: a bag (OUT.bag), a folder (--dataset DIR), or both");
+  if (!options.dataset.empty() && options.step_time >= 0.0)
+    throw po::error("--dataset holds one extrinsic, --step-time changes it: leave one of them out");
   if (options.beams != 16 && options.beams != 32 && options.beams != 64)
     throw po::error("--beams " + std::to_string(options.beams) + ": must be 16, 32 or 64");
   if (options.compression != "lz4" && options.compression != "none")
@@ -397,21 +431,26 @@ void check(const Options& options) {
 int simulateDriveMain(int argc, char** argv) {
   Options options;
   CommandLine line{
-      "simulate_drive OUT.bag [options]",
+      "simulate_drive [OUT.bag] [--dataset DIR] [options]",
       "Drives a vehicle with a spinning LiDAR and a camera through a simulated street and records a bag "
       "whose\n"
       "tf_static holds an extrinsic that is off by a known amount. Topics: /camera/image_raw,\n"
       "/camera/camera_info, /camera/masks, /lidar/points, /tf, /tf_static, /simulation/T_camera_lidar.\n"
-      "Beside the bag: OUT.truth.yaml, the true extrinsic (with a step also OUT.truth_after_step.yaml).",
+      "Beside the bag: OUT.truth.yaml, the true extrinsic (with a step also OUT.truth_after_step.yaml).\n"
+      "With --dataset the same frames as a folder in CalibAnything's layout, whose calib.json holds the "
+      "truth.",
       po::options_description("Options"), "out", "--perturb"};
   const auto add = [&line](const char* name, po::value_semantic* value, const char* what) {
     line.options.add_options()(name, value, what);
   };
-  add("out", po::value(&options.out)->required()->value_name("BAG"), "the bag");
+  add("out", po::value(&options.out)->value_name("BAG"), "the bag");
+  add("dataset", po::value(&options.dataset)->value_name("DIR"),
+      "the folder, instead of the bag or beside it");
   add("seed", po::value(&options.seed)->value_name("N"), "another street and other errors (default 1)");
   add("frames", inRange(1, 100000, &options.frames, "frames")->value_name("N"),
       "pictures with a LiDAR sweep each (default 20)");
-  add("rate", inRange(0.1, 10.0, &options.rate, "rate")->value_name("HZ"), "frames per second (default 2)");
+  add("rate", inRange(0.02, 10.0, &options.rate, "rate")->value_name("HZ"),
+      "frames per second; a low rate spreads them over a long street (default 2)");
   add("speed", inRange(0.0, 40.0, &options.speed, "speed")->value_name("V"),
       "of the vehicle [m/s] (default 8)");
   add("perturb", po::value(&options.error)->value_name("DEG M"),
