@@ -139,27 +139,6 @@ TEST(Perturbation, HasExactlyTheSizeAsked) {
   EXPECT_GT((a.matrix() - perturbedBy(T, 0.1, 0.1, 2).matrix()).norm(), 0.01);
 }
 
-TEST(Perturbation, IsUniformOnEachAxis) {
-  const Eigen::Isometry3d T = someExtrinsic();
-  std::mt19937_64 random(3);
-  constexpr int kCount = 20000;
-  Vector6d sum = Vector6d::Zero(), squares = Vector6d::Zero(), largest = Vector6d::Zero();
-  for (int i = 0; i < kCount; ++i) {
-    const Vector6d xi = log(perturbedWithin(T, 0.05, 0.2, random) * T.inverse());
-    sum += xi;
-    squares += xi.cwiseAbs2();
-    largest = largest.cwiseMax(xi.cwiseAbs());
-  }
-  for (int axis = 0; axis < 6; ++axis) {
-    const double limit = axis < 3 ? 0.05 : 0.2;
-    EXPECT_LE(largest[axis], limit * (1 + 1e-9));
-    EXPECT_GT(largest[axis], 0.99 * limit);
-    EXPECT_NEAR(sum[axis] / kCount / limit, 0.0, 0.02);  // standard error .004
-    EXPECT_NEAR(squares[axis] / kCount / (limit * limit), 1.0 / 3.0,
-                0.02);  // variance of a uniform distribution
-  }
-}
-
 // --- command line and parameters ---
 
 struct Parsed {

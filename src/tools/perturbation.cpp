@@ -1,5 +1,7 @@
 #include "perturbation.hpp"
 
+#include <random>
+
 #include "lidar_camera_recalibration/extrinsic.hpp"
 
 namespace lidar_camera_recalibration {
@@ -24,14 +26,6 @@ Eigen::Isometry3d perturbedBy(const Eigen::Isometry3d& T_camera_lidar, double an
   result.linear() = Eigen::AngleAxisd(angle, randomDirection(random)) * T_camera_lidar.linear();
   result.translation() += distance * randomDirection(random);
   return result;
-}
-
-Eigen::Isometry3d perturbedWithin(const Eigen::Isometry3d& T_camera_lidar, double angle, double distance,
-                                  std::mt19937_64& random) {
-  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
-  Vector6d xi;
-  for (int i = 0; i < 6; ++i) xi[i] = (i < 3 ? angle : distance) * uniform(random);
-  return exp(xi) * T_camera_lidar;
 }
 
 }  // namespace lidar_camera_recalibration

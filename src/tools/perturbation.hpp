@@ -2,7 +2,6 @@
 
 #include <Eigen/Geometry>
 #include <cstdint>
-#include <random>
 
 namespace lidar_camera_recalibration {
 
@@ -10,9 +9,5 @@ namespace lidar_camera_recalibration {
 /// directions.
 Eigen::Isometry3d perturbedBy(const Eigen::Isometry3d& T_camera_lidar, double angle, double distance,
                               std::uint64_t seed);
-
-/// exp(xi) * T with xi uniform in +-angle [rad] and +-distance [m] on each axis of the optical frame.
-Eigen::Isometry3d perturbedWithin(const Eigen::Isometry3d& T_camera_lidar, double angle, double distance,
-                                  std::mt19937_64& random);
 
 }  // namespace lidar_camera_recalibration
