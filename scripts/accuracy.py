@@ -1,146 +1,579 @@
 #!/usr/bin/env python3
-"""Measures the paper's method on real frames and writes the table into doc/accuracy.md.
+"""Measures what the package reaches and writes the figures, tables and plots of doc/accuracy.md.
 
-    scripts/accuracy.py                         # all nine cells, some minutes each
-    scripts/accuracy.py --trials 5 --frames 1   # a part of it, for a look; other cells are left out of the table
+    ./bootstrap accuracy                       # builds what is needed, then all sections; about 40 minutes on two cores
+    scripts/accuracy.py --only beams halves    # these sections, the others stay as they are
+    scripts/accuracy.py --trials 2 --work /tmp/a --out /tmp/a/accuracy.md   # for a look
 
-Only the text between the markers is replaced; a new file gets a short frame around it.
+The document's prose is written by hand; only what stands between the markers is replaced. Raw results stay in
+build/accuracy/, as CSV with a line for each trial, and are not measured again until --fresh.
 """
 
 import argparse
+import collections
+import csv
 import json
 import pathlib
+import shutil
 import subprocess
 import sys
-import tempfile
 
 PACKAGE = pathlib.Path(__file__).resolve().parent.parent
-BEGIN = '<!-- accuracy.py: begin {name} -->'
-END = '<!-- accuracy.py: end {name} -->'
-STARTS = [(1.0, 0.05), (2.5, 0.1), (5.0, 0.2)]  # [deg], [m], uniform per axis
+BEGIN, END = '<!-- accuracy.py: begin {} -->', '<!-- accuracy.py: end {} -->'
 
-NEW_FILE = """# Accuracy
+# --- what is measured: change it here --------------------------------------------------------------------------------
 
-Every table of this page is written by `scripts/accuracy.py`.
+PAPER = 'paper'
+METHOD = 'edges'
+LABELS = {PAPER: 'paper', METHOD: 'edges'}  # in plots
 
-## The paper's method on KITTI odometry 00
+# Variants of METHOD without one of its parts, as evaluate takes them.
+ABLATION = [
+    METHOD,
+    'no_hidden_culling:frame/cull_hidden=false',
+    'paper_search:search=paper',
+]
 
-The paper (Calib-Anything, its table of accuracy) states for KITTI an L2 error of 10.7 cm and 0.174 deg, Huber
-10.4 cm and 0.168 deg; the initial errors and the number of frames behind these figures are not stated.
+# The terms of Score that have something to show, by method: column of the slices, label.
+TERMS = {
+    PAPER: [('total', 'total'), ('reflectivity', 'reflectivity $F_R$'), ('normal', 'normal $F_N$'),
+            ('segment', 'segment $F_S$')],
+    METHOD: [('total', 'total')],
+}
 
-{begin}
-{end}
-"""
+STARTS = ['E1', 'E2', 'E3']
+BASIN = [2, 4, 6, 8, 10, 12]  # [deg]
+BEAMS = [64, 32, 16]
+SIMULATION = ['--frames', '25', '--rate', '0.05', '--seed', '11']  # 25 frames along 3.8 km of street
+AXES = {'rx': 'pitch (about x)', 'ry': 'yaw (about y)', 'rz': 'roll (about z)',
+        'tx': 'sideways (along x)', 'ty': 'vertical (along y)', 'tz': 'forward (along z)'}
 
-
-def find_evaluate(given):
-    places = [pathlib.Path(given)] if given else [
-        PACKAGE / 'build' / 'devel' / 'lib' / 'lidar_camera_recalibration' / 'evaluate',
-        *PACKAGE.parents[1].glob('devel/lib/lidar_camera_recalibration/evaluate')]
-    for place in places:
-        if place.is_file():
-            return str(place)
-    sys.exit('evaluate is not built; build the package first, or name the program with --evaluate')
-
-
-def run_cell(arguments, evaluate, frames, start):
-    rotation, translation = start
-    with tempfile.TemporaryDirectory() as folder:
-        result = pathlib.Path(folder) / 'cell.json'
-        command = [evaluate, str(arguments.dataset), '--method', arguments.method, '--frames', str(frames),
-                   '--trials', str(arguments.trials), '--seed', str(arguments.seed),
-                   '--frame-set', arguments.frame_set,
-                   '--start-rotation-deg', str(rotation), '--start-translation-m', str(translation),
-                   '--json', str(result)]
-        for assignment in arguments.set:
-            command += ['--set', assignment]
-        print(' '.join(command), flush=True)
-        subprocess.run(command, check=True)
-        return json.loads(result.read_text())
+START_TEXT = {'E1': '±1°, ±5 cm', 'E2': '±2.5°, ±10 cm', 'E3': '±5°, ±20 cm'}
 
 
-def row(cell):
-    rotation, translation = cell['rotation_deg'], cell['translation_m']
-    return '| {} | {} | {} |'.format(
-        cell['frames'],
-        '±{:g}°, ±{:g} cm'.format(cell['start_rotation_deg'], 100 * cell['start_translation_m']),
-        ' | '.join([
-            '{:.3f} / {:.1f}'.format(rotation['mean'], 100 * translation['mean']),
-            '{:.3f} / {:.1f}'.format(rotation['median'], 100 * translation['median']),
-            '{:.3f} / {:.1f}'.format(rotation['p90'], 100 * translation['p90']),
-            '{:.3f} / {:.1f}'.format(rotation['huber'], 100 * translation['huber']),
-            ', '.join('{:.2f}'.format(value) for value in rotation['axis_mean_absolute']),
-            ', '.join('{:.1f}'.format(100 * value) for value in translation['axis_mean_absolute']),
-            '{:.0f} %'.format(100 * cell['success_rate']),
-            '{:.0f} %'.format(100 * cell['accepted_rate']),
-            '{:.0f}'.format(cell['evaluations_per_run']),
-            '{:.1f}'.format(cell['cpu_seconds_per_run'])]))
+class Missing(Exception):
+    """A dataset is not there."""
 
 
-def table(cells, arguments):
-    lines = [
-        '| frames | start, per axis | mean (L2) | median | p90 | Huber | about x, y, z [deg] | along x, y, z [cm] '
-        '| < 0.3° and < 5 cm | accepted | scored | CPU [s] |',
-        '|---|---|---|---|---|---|---|---|---|---|---|---|']
-    lines += [row(cell) for cell in cells]
-    lines += [
-        '',
-        'Errors as rotation [deg] / translation [cm] against the published calibration of the dataset `{}`; norms'
-        .format(arguments.dataset.name),
-        'except for the columns per axis of the optical frame, which are mean absolute errors. Method `{}`, {} trials a'
-        .format(arguments.method, arguments.trials),
-        'row, seed {}, {} frames. A trial draws its start (uniform in the box) and its frames at random and prepares'
-        .format(arguments.seed, arguments.frame_set),
-        'the frames around that start; the search range is the box. L2 is the mean norm, Huber the M-estimate of location',
-        'of the norms (limit 1.345 robust standard deviations), both in the unit of the error. Rejected results count',
-        'with what the search found. *Scored*: extrinsics scored in a run. CPU: all of a run on one thread, preparation',
-        'of the frames included.']
-    if arguments.set:
-        lines.append('Changed parameters: {}.'.format(', '.join('`{}`'.format(word) for word in arguments.set)))
-    return '\n'.join(lines)
+# --- running ---------------------------------------------------------------------------------------------------------
+
+class Bench:
+    """Runs evaluate, once for each question."""
+
+    def __init__(self, arguments):
+        self.arguments = arguments
+        self.programs = find_programs(arguments.programs)
+        self.work = arguments.work
+        self.work.mkdir(parents=True, exist_ok=True)
+        self.images = arguments.out.parent / 'images'
+        self.images.mkdir(parents=True, exist_ok=True)
+        self.commit = describe_commit()
+        self.asked = set()
+
+    def real(self, name):
+        folder = self.arguments.data / name
+        if not folder.is_dir():
+            raise Missing('{}: there is no such dataset; name the folder of the datasets with --data'.format(folder))
+        return folder
+
+    def simulated(self, beams):
+        folder = self.work / 'simulation_{}'.format(beams)
+        if not (folder / 'calib.json').exists():
+            program = self.programs / 'simulate_drive'
+            if not program.exists():
+                raise Missing('simulate_drive is not built: it needs Embree (libembree-dev)')
+            shutil.rmtree(folder, ignore_errors=True)
+            call([program, '--dataset', folder, '--beams', beams] + SIMULATION)
+        return folder
+
+    def run(self, name, dataset, methods, trials, frames=None, starts=('E2',), extra=()):
+        """Figures of the cells, {(method, frames, start): cell}; `name` is that of the files that keep them."""
+        trials = self.arguments.trials or trials
+        result, table = self.work / (name + '.json'), self.work / (name + '.csv')
+        command = [self.programs / 'evaluate', dataset, '--trials', trials, '--csv', table, *extra]
+        for method in methods:
+            command += ['--method', method]
+        if frames:
+            command += ['--frames', ','.join(str(count) for count in frames)]
+        command += ['--start', ','.join(starts)]
+        command = [str(word) for word in command]
+        kept = read_json(result)
+        fresh = self.arguments.fresh and name not in self.asked
+        if fresh or kept.get('command') != command[1:]:
+            unfinished = self.work / (name + '.unfinished')
+            forget(result)  # an interrupted run must not pass for the one before
+            call(command + ['--json', unfinished])
+            kept = dict(read_json(unfinished), command=command[1:], commit=self.commit)
+            result.write_text(json.dumps(kept, indent=1) + '\n')
+            unfinished.unlink()
+        self.asked.add(name)
+        return Cells(kept, table)
+
+    def slices(self, name, dataset, extra=()):
+        table, record = self.work / (name + '.csv'), self.work / (name + '.json')
+        command = [str(word) for word in [self.programs / 'evaluate', dataset, '--slices', table, '--method', PAPER,
+                                          '--method', METHOD, *extra]]
+        fresh = self.arguments.fresh and name not in self.asked
+        if fresh or read_json(record).get('command') != command[1:]:
+            forget(record)
+            call(command)
+            record.write_text(json.dumps({'command': command[1:], 'commit': self.commit}) + '\n')
+        self.asked.add(name)
+        with table.open() as stream:
+            return list(csv.DictReader(stream))
 
 
-def write(path, name, text):
-    begin, end = BEGIN.format(name=name), END.format(name=name)
+class Cells:
+    """The figures of a call of evaluate, and its trials where a figure is not enough."""
+
+    def __init__(self, record, table):
+        self.record, self.table = record, table
+        self.cells = {(cell['method'], cell['frames'], cell['start']): cell for cell in record['cells']}
+
+    def __getitem__(self, key):
+        method, frames, start = key
+        return self.cells[(name_of(method), str(frames), start)]
+
+    def trials(self):
+        with self.table.open() as stream:
+            return list(csv.DictReader(stream))
+
+
+def name_of(method):
+    return method.split(':')[0]
+
+
+def read_json(path):
+    try:
+        return json.loads(path.read_text())
+    except (OSError, ValueError):
+        return {}
+
+
+def forget(path):
     if path.exists():
-        document = path.read_text()
-    else:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        document = NEW_FILE.format(begin=begin, end=end)
-    if begin not in document or end not in document:
-        sys.exit('{}: the lines "{}" and "{}" are missing; put them where the table belongs'.format(path, begin, end))
-    before, rest = document.split(begin, 1)
-    after = rest.split(end, 1)[1]
-    path.write_text(before + begin + '\n' + text + '\n' + end + after)
+        path.unlink()
+
+
+def call(command):
+    command = [str(word) for word in command]
+    print('$ ' + ' '.join("'{}'".format(word) if ' ' in word else word for word in command), flush=True)
+    subprocess.run(command, check=True)
+
+
+def find_programs(given):
+    package = PACKAGE / 'build' / 'devel' / 'lib' / 'lidar_camera_recalibration'
+    places = [given] if given else [package, *PACKAGE.parents[1].glob('devel/lib/lidar_camera_recalibration')]
+    for place in places:
+        if (place / 'evaluate').is_file():
+            return place
+    sys.exit('evaluate is not built; build the package first, or name the folder of the programs with --programs')
+
+
+def describe_commit():
+    try:
+        return subprocess.run(['git', '-C', str(PACKAGE), 'describe', '--always', '--dirty=+'], check=True,
+                              stdout=subprocess.PIPE, universal_newlines=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return 'unknown'
+
+
+# --- tables ----------------------------------------------------------------------------------------------------------
+
+HEAD = ('| method | frames | start, per axis | mean (L2) | median | p90 | Huber | about x, y, z [deg] '
+        '| along x, y, z [cm] | < 0.3° and < 5 cm | accepted | scored | CPU [s] |\n' + 13 * '|---' + '|')
+
+
+def pair(cell, figure):
+    return '{:.3f} / {:.1f}'.format(cell['rotation_deg'][figure], 100 * cell['translation_m'][figure])
+
+
+def axes(cell, figure):
+    return [', '.join('{:.2f}'.format(value) for value in cell['rotation_deg'][figure]),
+            ', '.join('{:.1f}'.format(100 * value) for value in cell['translation_m'][figure])]
+
+
+def row(cell, label=None):
+    return '| ' + ' | '.join(
+        [label or cell['method'], cell['frames'], START_TEXT.get(cell['start'], cell['start'])]
+        + [pair(cell, figure) for figure in ('mean', 'median', 'p90', 'huber')]
+        + axes(cell, 'axis_mean_absolute')
+        + ['{:.0f} %'.format(100 * cell['success_rate']), '{:.0f} %'.format(100 * cell['accepted_rate']),
+           '{:.0f}'.format(cell['evaluations_per_run']), '{:.1f}'.format(cell['cpu_seconds_per_run'])]) + ' |'
+
+
+def note(*results):
+    """How the rows above came about."""
+    commits = sorted({result.record['commit'] for result in results})
+    trials = collections.OrderedDict()
+    for result in results:
+        for cell in result.record['cells']:
+            trials.setdefault(result.record['trials'], []).append(cell['method'])
+    words = ['{} trials a row ({})'.format(count, ', '.join(sorted(set(methods))))
+             for count, methods in trials.items()]
+    return '\n*{}; seed {}; measured at {}.*'.format('; '.join(words), results[0].record['seed'], ', '.join(commits))
+
+
+def table(cells, *results, head=HEAD):
+    return '\n'.join([head] + [row(*cell) if isinstance(cell, tuple) else row(cell) for cell in cells]
+                     + [note(*results)])
+
+
+# --- the runs that more than one section uses ------------------------------------------------------------------------
+
+ODD = ('--frame-set', 'odd')
+
+
+def kitti_method(bench, start):
+    return bench.run('kitti_00_odd-{}-{}'.format(METHOD, start), bench.real('kitti_00'), [METHOD], 20,
+                     frames=[1, 3, 5, 10], starts=[start], extra=ODD)
+
+
+def kitti_paper(bench, start):
+    return bench.run('kitti_00_odd-{}-{}'.format(PAPER, start), bench.real('kitti_00'), [PAPER], 4,
+                     frames=[1, 3, 5, 10], starts=[start], extra=ODD)
+
+
+def kitti_twenty(bench):
+    return bench.run('kitti_00_all-{}'.format(METHOD), bench.real('kitti_00'), [METHOD], 6, frames=[20], starts=STARTS)
+
+
+def kitti_rings(bench, every):
+    return bench.run('kitti_00_odd_ring{}-{}'.format(every, METHOD), bench.real('kitti_00'), [METHOD], 20,
+                     frames=[5, 10], starts=['E2'], extra=ODD + ('--every-ring', every))
+
+
+def simulation(bench, beams):
+    return bench.run('simulation_{}-{}'.format(beams, METHOD), bench.simulated(beams), [METHOD], 10,
+                     frames=[1, 3, 5, 10, 20] if beams == 64 else [5, 10], starts=['E3'])
+
+
+def halves(bench, dataset, name):
+    return bench.run('halves_{}-{}'.format(name, METHOD), dataset, [METHOD], 10, starts=['E1'],
+                     extra=('--halves', 12))
+
+
+def other_sensor(bench, name):
+    return bench.run('{}-{}'.format(name, METHOD), bench.real(name), [METHOD], 20, frames=['all'], starts=['E1'])
+
+
+# --- sections --------------------------------------------------------------------------------------------------------
+
+def methods_section(bench):
+    results, cells = [], []
+    for start in STARTS:
+        for method, run in ((PAPER, kitti_paper), (METHOD, kitti_method)):
+            results.append(run(bench, start))
+            cells += [results[-1][method, frames, start] for frames in (1, 3, 5, 10)]
+    results.append(kitti_twenty(bench))
+    cells += [(results[-1][METHOD, 20, start], METHOD + ', all frames') for start in STARTS]
+    order = {start: i for i, start in enumerate(STARTS)}
+    plain = [cell if isinstance(cell, tuple) else (cell, cell['method']) for cell in cells]
+    plain.sort(key=lambda item: (item[1] != PAPER, order[item[0]['start']], int(item[0]['frames'])))
+    return table(plain, *results)
+
+
+def beams_section(bench):
+    results = [simulation(bench, beams) for beams in BEAMS]
+    cells = [(cell, '{}, {} beams'.format(METHOD, beams)) for beams, result in zip(BEAMS, results)
+             for cell in result.cells.values()]
+    return table(cells, *results)
+
+
+def rings_section(bench):
+    results = [kitti_method(bench, 'E2'), kitti_rings(bench, 2), kitti_rings(bench, 4)]
+    cells = [(result[METHOD, frames, 'E2'], '{}, {} rings'.format(METHOD, rings))
+             for rings, result in zip((64, 32, 16), results) for frames in (5, 10)]
+    return table(cells, *results)
+
+
+def halves_section(bench):
+    results = [halves(bench, bench.real('kitti_00'), 'kitti_00'), halves(bench, bench.simulated(64), 'simulation_64')]
+    head = ('| data | frames | median | p90 | mean | about x, y, z [deg] | along x, y, z [cm] |\n' + 7 * '|---' + '|')
+    lines = [head]
+    for name, result in zip(('kitti_00', 'simulated drive, 64 beams'), results):
+        cell = result[METHOD, 12, 'E1']
+        lines.append('| ' + ' | '.join([name, '2 x 12'] + [pair(cell, figure) for figure in ('median', 'p90', 'mean')]
+                                       + axes(cell, 'axis_mean_absolute')) + ' |')
+    return '\n'.join(lines + [note(*results)])
+
+
+def ablation_section(bench):
+    result = bench.run('ablation-{}'.format(METHOD), bench.real('kitti_00'), ABLATION, 8, frames=[5], starts=['E2'],
+                       extra=ODD)
+    return table([result[method, 5, 'E2'] for method in ABLATION], result)
+
+
+def basin_section(bench):
+    rates, results = collections.OrderedDict(), []
+    for axis in ('rx', 'ry', 'rz'):
+        starts = ['{}={}'.format(axis, degrees) for degrees in BASIN]
+        results.append(bench.run('basin-{}-{}'.format(METHOD, axis), bench.real('kitti_00'), [METHOD], 5, frames=[5],
+                                 starts=starts, extra=ODD))
+        rates[axis] = [results[-1][METHOD, 5, start] for start in starts]
+    plot_basin(rates, bench.images / 'basin.png')
+    lines = ['| start off by | ' + ' | '.join('{}°'.format(degrees) for degrees in BASIN) + ' |',
+             (len(BASIN) + 1) * '|---' + '|']
+    for axis, cells in rates.items():
+        lines.append('| {} | '.format(AXES[axis])
+                     + ' | '.join('{:.0f} %'.format(100 * cell['success_rate']) for cell in cells) + ' |')
+    return '\n'.join(lines + [note(*results)])
+
+
+def frames_section(bench):
+    curves = [
+        ('kitti_00, ' + LABELS[PAPER], [kitti_paper(bench, 'E3')[PAPER, n, 'E3'] for n in (1, 3, 5, 10)]),
+        ('kitti_00, ' + LABELS[METHOD], [kitti_method(bench, 'E3')[METHOD, n, 'E3'] for n in (1, 3, 5, 10)]
+         + [kitti_twenty(bench)[METHOD, 20, 'E3']]),
+        ('simulated drive, ' + LABELS[METHOD], [simulation(bench, 64)[METHOD, n, 'E3'] for n in (1, 3, 5, 10, 20)]),
+    ]
+    plot_frames(curves, bench.images / 'error_against_frames.png')
+    return '![Error against frames](images/error_against_frames.png)'
+
+
+def slices_section(bench):
+    pictures = []
+    for name, dataset, extra in (('kitti_00', bench.real('kitti_00'), ODD), ('simulation', bench.simulated(64), ())):
+        rows = bench.slices('slices_' + name, dataset, extra)
+        plot_slices(rows, bench.images / 'slices_{}.png'.format(name))
+        pictures.append('![Score slices on {0}](images/slices_{0}.png)'.format(name))
+    return '\n\n'.join(pictures)
+
+
+def others_section(bench):
+    lines = ['| data | frames | rotation at the start [deg] | after | translation at the start [cm] | after | accepted '
+             '| accepted and worse: in the image | in rotation | in translation |', 10 * '|---' + '|']
+    results, reasons = [], []
+    for name in ('kitti_0926', 'pandar64_a'):
+        results.append(other_sensor(bench, name))
+        cell, trials = results[-1][METHOD, 'all', 'E1'], results[-1].trials()
+        lines.append('| {} | {} | {:.3f} | {:.3f} | {:.1f} | {:.1f} | {:.0f} % | {} | {} | {} |'.format(
+            name, len(trials[0]['frame_names'].split()), cell['rotation_deg']['start_mean'],
+            cell['rotation_deg']['mean'], 100 * cell['translation_m']['start_mean'],
+            100 * cell['translation_m']['mean'], 100 * cell['accepted_rate'],
+            *['{} of {}'.format(count_worse(trials, figure), len(trials))
+              for figure in ('shift_px', 'rotation_deg', 'translation_m')]))
+        refused = collections.Counter(kind_of(trial['reason']) for trial in trials if trial['accepted'] == '0')
+        reasons += ['- {}, {} of {}: {}'.format(name, count, len(trials), reason)
+                    for reason, count in refused.most_common()]
+    return '\n'.join(lines + ['', 'Refused:' if reasons else 'Nothing was refused.'] + [''] * bool(reasons) + reasons
+                     + [note(*results)])
+
+
+def count_worse(trials, figure):
+    return sum(trial['accepted'] == '1' and float(trial[figure]) > float(trial['start_' + figure]) for trial in trials)
+
+
+def kind_of(reason):
+    """A reason without its numbers, to count them."""
+    words = [word for word in reason.replace('rejected: ', '').split() if not any(c.isdigit() for c in word)]
+    return ' '.join(words)
+
+
+# --- the bars --------------------------------------------------------------------------------------------------------
+
+class Bar:
+    """One row: what was asked for and what was measured. Limits: figure -> limit; success is at least, others at most."""
+
+    def __init__(self, data, frames, start, cell, **limits):
+        self.data, self.frames, self.start, self.cell, self.limits = data, frames, start, cell, limits
+
+    FIGURES = collections.OrderedDict([
+        ('rotation', ('rotation median', '{:.3f}°', lambda cell: cell['rotation_deg']['median'])),
+        ('rotation_p90', ('rotation p90', '{:.3f}°', lambda cell: cell['rotation_deg']['p90'])),
+        ('translation', ('translation median', '{:.1f} cm', lambda cell: 100 * cell['translation_m']['median'])),
+        ('success', ('success', '{:.0f} %', lambda cell: 100 * cell['success_rate'])),
+    ])
+
+    def row(self):
+        wanted, measured, verdicts = [], [], []
+        for figure, (label, pattern, value_of) in self.FIGURES.items():
+            if figure not in self.limits:
+                continue
+            limit, value = self.limits[figure], value_of(self.cell)
+            wanted.append('{} {} {}'.format(label, '≥' if figure == 'success' else '≤', pattern.format(limit)))
+            measured.append('{} {}'.format(label, pattern.format(value)))
+            met = value >= limit if figure == 'success' else value <= limit
+            verdicts.append('met' if met else '**{} not met**'.format(label))
+        verdict = 'met' if all(word == 'met' for word in verdicts) else ', '.join(w for w in verdicts if w != 'met')
+        return '| {} | {} | {} | {} | {} | {} |'.format(self.data, self.frames, self.start, '; '.join(wanted),
+                                                       '; '.join(measured), verdict)
+
+
+def bars_section(bench):
+    results = [simulation(bench, 64), kitti_method(bench, 'E2'), kitti_method(bench, 'E3'), kitti_method(bench, 'E1'),
+               kitti_rings(bench, 2), kitti_rings(bench, 4), halves(bench, bench.real('kitti_00'), 'kitti_00')]
+    drive, e2, e3, e1, half, quarter, agreement = results
+    bars = [
+        Bar('simulated drive, 64 beams', 10, 'E3', drive[METHOD, 10, 'E3'], rotation=0.03, translation=0.7,
+            success=100),
+        Bar('kitti_00', 10, 'E2', e2[METHOD, 10, 'E2'], rotation=0.06, rotation_p90=0.10, translation=4.0,
+            success=100),
+        Bar('kitti_00', 5, 'E3', e3[METHOD, 5, 'E3'], rotation=0.08, translation=4.2, success=90),
+        Bar('kitti_00', 1, 'E1', e1[METHOD, 1, 'E1'], rotation=0.17, translation=4.2, success=65),
+        Bar('kitti_00, every 2nd ring', 5, 'E2', half[METHOD, 5, 'E2'], rotation=0.15, translation=4.2, success=75),
+        Bar('kitti_00, every 4th ring', 5, 'E2', quarter[METHOD, 5, 'E2'], rotation=0.35, translation=5.0,
+            success=40),
+        Bar('kitti_00, disjoint sets of 12 frames', '2 x 12', 'E1', agreement[METHOD, 12, 'E1'], rotation=0.05,
+            translation=1.2),
+    ]
+    lines = ['| data | frames | start | bar | measured | |', 6 * '|---' + '|'] + [bar.row() for bar in bars]
+    for name in ('kitti_0926', 'pandar64_a'):
+        results.append(other_sensor(bench, name))
+        trials = results[-1].trials()
+        worse = count_worse(trials, 'shift_px')
+        refused = sum(trial['accepted'] == '0' for trial in trials)
+        lines.append('| {} | all | E1 | never worse than the start, or refused | {} of {} worse, {} refused | {} |'.format(
+            name, worse, len(trials), refused, 'met' if worse == 0 else '**not met**'))
+    return '\n'.join(lines + [note(*results)])
+
+
+# --- plots -----------------------------------------------------------------------------------------------------------
+
+COLORS = ['#c1440e', '#1f5a94', '#2f8f57', '#8a5aa8']
+
+
+def pyplot():
+    import matplotlib
+    matplotlib.use('Agg')
+    from matplotlib import pyplot as plt
+    plt.rcParams.update({'font.size': 10, 'axes.spines.top': False, 'axes.spines.right': False, 'axes.grid': True,
+                         'grid.color': '#dddddd', 'grid.linewidth': 0.6, 'axes.axisbelow': True,
+                         'legend.frameon': False, 'lines.linewidth': 1.8})
+    return plt
+
+
+def save(figure, path):
+    figure.savefig(str(path), dpi=110, bbox_inches='tight')
     print('written:', path)
+
+
+def plot_basin(rates, path):
+    plt = pyplot()
+    figure, panel = plt.subplots(figsize=(7, 3.6))
+    for (axis, cells), color, marker in zip(rates.items(), COLORS, 'os^'):
+        panel.plot(BASIN, [100 * cell['success_rate'] for cell in cells], marker=marker, color=color, label=AXES[axis],
+                   alpha=0.85)
+    panel.set(xlabel='error of the start about the axis [deg]', ylabel='trials below 0.3° and 5 cm [%]', xlim=(0, 12.5),
+              ylim=(-3, 105), xticks=BASIN)
+    panel.legend()
+    save(figure, path)
+    plt.close(figure)
+
+
+def plot_frames(curves, path):
+    plt = pyplot()
+    figure, panels = plt.subplots(1, 2, figsize=(9.5, 3.8))
+    parts = (('rotation_deg', 1.0, 'rotation error [deg]'), ('translation_m', 100.0, 'translation error [cm]'))
+    for panel, (part, scale, label) in zip(panels, parts):
+        for (name, cells), color in zip(curves, COLORS):
+            frames = [int(cell['frames']) for cell in cells]
+            median, p90 = ([scale * cell[part][figure_name] for cell in cells] for figure_name in ('median', 'p90'))
+            panel.plot(frames, median, marker='o', color=color, label=name)
+            panel.fill_between(frames, median, p90, color=color, alpha=0.15, linewidth=0)
+        ticks = [1, 3, 5, 10, 20]
+        panel.set(xscale='log', yscale='log', xlabel='frames', ylabel=label)
+        panel.set_xticks(ticks)
+        panel.set_xticks([], minor=True)
+        panel.set_xticklabels([str(tick) for tick in ticks])
+        panel.yaxis.set_major_formatter(plt.FuncFormatter(lambda value, _: '{:g}'.format(value)))
+    panels[0].legend(fontsize=9)
+    figure.suptitle('Start E3. Line: median; shaded: up to the 90th percentile', fontsize=10)
+    figure.tight_layout()
+    save(figure, path)
+    plt.close(figure)
+
+
+def plot_slices(rows, path):
+    """Each curve is stretched to 0..1 of its own slice: their levels differ, and the place of the top is the point."""
+    plt = pyplot()
+    figure, panels = plt.subplots(2, 3, figsize=(10.5, 5.6), sharey=True)
+    for panel, axis in zip(panels.flat, AXES):
+        scale, unit = (1.0, 'deg') if axis.startswith('r') else (100.0, 'cm')
+        curves = [(method, column, label) for method, terms in TERMS.items() for column, label in terms]
+        own = {METHOD: COLORS[1], PAPER: COLORS[0]}
+        extra_colors = iter(['#2f8f57', '#8a5aa8', '#d8a100', '#5f6a72', '#00979d', '#b0567a'])
+        for method, column, label in curves:
+            color = own[method] if column == 'total' else next(extra_colors)
+            points = [(scale * float(row['offset']), float(row[column])) for row in rows
+                      if row['method'] == method and row['axis'] == axis]
+            values = [value for _, value in points]
+            low, high = min(values), max(values)
+            if high <= low:
+                continue
+            panel.plot([offset for offset, _ in points], [(value - low) / (high - low) for value in values],
+                       color=color, linewidth=2.0 if column == 'total' else 1.2,
+                       linestyle='-' if column == 'total' else '--', label='{}: {}'.format(LABELS[method], label))
+        panel.axvline(0.0, color='#888888', linewidth=0.8)
+        panel.set(xlabel='{} [{}]'.format(AXES[axis], unit), ylim=(-0.03, 1.05))
+    for panel in panels[:, 0]:
+        panel.set_ylabel('score, stretched to 0..1')
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc='lower center', ncol=min(len(labels), 5), fontsize=9)
+    figure.tight_layout(rect=(0, 0.07 if len(labels) <= 5 else 0.11, 1, 1))
+    save(figure, path)
+    plt.close(figure)
+
+
+# --- the document ----------------------------------------------------------------------------------------------------
+
+SECTIONS = collections.OrderedDict([
+    ('bars', bars_section), ('methods', methods_section), ('frames', frames_section), ('beams', beams_section),
+    ('rings', rings_section), ('halves', halves_section), ('ablation', ablation_section), ('basin', basin_section),
+    ('slices', slices_section), ('others', others_section)])
+
+
+def replace(document, name, text, path):
+    begin, end = BEGIN.format(name), END.format(name)
+    if document.count(begin) != 1 or document.count(end) != 1:
+        sys.exit('{}: the lines "{}" and "{}" must be there once; put them where the section belongs'.format(
+            path, begin, end))
+    before, rest = document.split(begin)
+    return before + begin + '\n' + text + '\n' + end + rest.split(end)[1]
+
+
+def write_sections(bench, names, out):
+    template = PACKAGE / 'doc' / 'accuracy.md'
+    if not out.exists():
+        shutil.copy(str(template), str(out))
+    missing = []
+    for name in names:
+        print('--- section', name, flush=True)
+        try:
+            text = SECTIONS[name](bench)
+        except Missing as reason:
+            missing.append('section {} is left as it was: {}'.format(name, reason))
+            continue
+        out.write_text(replace(out.read_text(), name, text, out))
+    print('written:', out)
+    return missing
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--dataset', type=pathlib.Path, default=PACKAGE.parent / 'shared' / 'data' / 'kitti_00')
-    parser.add_argument('--method', default='paper')
-    parser.add_argument('--frames', type=int, nargs='+', default=[1, 5, 10])
-    parser.add_argument('--trials', type=int, default=20)
-    parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--frame-set', choices=['all', 'even', 'odd'], default='all')
-    parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE', help='parameter of the method')
-    parser.add_argument('--evaluate', help='the program, if not in build/')
-    parser.add_argument('--out', type=pathlib.Path, default=PACKAGE / 'doc' / 'accuracy.md')
-    parser.add_argument('--name', help='of the table, in its markers (default: the method)')
+    parser.add_argument('--only', nargs='+', choices=list(SECTIONS), metavar='SECTION',
+                        help='these sections: ' + ', '.join(SECTIONS))
+    parser.add_argument('--trials', type=int, help='of every row, instead of what each section has')
+    parser.add_argument('--fresh', action='store_true', help='measure again what is there')
+    parser.add_argument('--data', type=pathlib.Path, default=PACKAGE.parent / 'shared' / 'data',
+                        help='folder of kitti_00, kitti_0926 and pandar64_a (default: %(default)s)')
+    parser.add_argument('--work', type=pathlib.Path, default=PACKAGE / 'build' / 'accuracy',
+                        help='folder for raw results and simulated drives (default: %(default)s)')
+    parser.add_argument('--programs', type=pathlib.Path, help='folder of evaluate and simulate_drive')
+    parser.add_argument('--out', type=pathlib.Path, default=PACKAGE / 'doc' / 'accuracy.md',
+                        help='the document; one that does not exist starts as a copy (default: %(default)s)')
     arguments = parser.parse_args()
-    if not arguments.dataset.is_dir():
-        sys.exit('{}: there is no such dataset; name one with --dataset'.format(arguments.dataset))
-
-    evaluate = find_evaluate(arguments.evaluate)
-    cells = []
-    for frames in arguments.frames:
-        for start in STARTS:
-            cells.append(run_cell(arguments, evaluate, frames, start))
-    write(arguments.out, arguments.name or arguments.method, table(cells, arguments))
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    missing = write_sections(Bench(arguments), [name for name in SECTIONS if name in (arguments.only or SECTIONS)],
+                             arguments.out)
+    if missing:
+        sys.exit('\n'.join(missing))
 
 
 if __name__ == '__main__':
     try:
         main()
     except subprocess.CalledProcessError as error:
-        sys.exit('evaluate failed with status {}'.format(error.returncode))
+        sys.exit('{} failed with status {}'.format(pathlib.Path(error.cmd[0]).name, error.returncode))
+    except ImportError as error:
+        sys.exit('{}: install python3-matplotlib, or call ./bootstrap accuracy'.format(error))
