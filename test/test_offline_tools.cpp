@@ -5,10 +5,8 @@
 #include <rosbag/view.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
-#include <sys/wait.h>
 #include <yaml-cpp/yaml.h>
 
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
@@ -19,52 +17,23 @@
 #include "lidar_camera_recalibration/extrinsic.hpp"
 #include "lidar_camera_recalibration/result_file.hpp"
 #include "perturbation.hpp"
+#include "tool_fixture.hpp"
 
 namespace lidar_camera_recalibration {
 namespace {
 
 namespace fs = std::filesystem;
 
-struct Finished {
-  int status = -1;
-  std::string output;  ///< stdout and stderr
-};
-
-class OfflineToolsTest : public testing::Test {
+class OfflineToolsTest : public ToolTest {
  protected:
   static void SetUpTestSuite() {
-    std::string pattern = (fs::temp_directory_path() / "test_offline_tools_XXXXXX").string();
-    ASSERT_NE(mkdtemp(pattern.data()), nullptr);
-    folder_ = pattern;
-    data_ = fs::path(SHARED_DATA) / "kitti_00";
-    if (!fs::exists(data_)) return;
+    ToolTest::SetUpTestSuite();
+    if (!hasData()) return;
     const Finished run =
-        call("dataset_to_bag '" + data_.string() + "' --every 5 --perturb 2 0.1 --seed 4 --lz4 --out k.bag");
+        call("dataset_to_bag '" + data().string() + "' --every 5 --perturb 2 0.1 --seed 4 --lz4 --out k.bag");
     ASSERT_EQ(run.status, 0) << run.output;
   }
-  static void TearDownTestSuite() { fs::remove_all(folder_); }
-
-  /// In the test's folder.
-  static Finished call(const std::string& command) {
-    const fs::path log = folder_ / "log.txt";
-    const std::string line = "cd '" + folder_.string() + "' && '" + TOOL_DIR "/" +
-                             command.substr(0, command.find(' ')) + "'" + command.substr(command.find(' ')) +
-                             " > '" + log.string() + "' 2>&1";
-    const int status = std::system(line.c_str());
-    std::ostringstream text;
-    text << std::ifstream(log).rdbuf();
-    return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, text.str()};
-  }
-
-  static bool hasData() { return fs::exists(data_); }
-  static std::string path(const std::string& name) { return (folder_ / name).string(); }
-
-  static fs::path folder_, data_;
 };
-fs::path OfflineToolsTest::folder_, OfflineToolsTest::data_;
-
-#define NEEDS_DATA \
-  if (!hasData()) GTEST_SKIP() << "no real data: " << data_
 
 TEST_F(OfflineToolsTest, RealFramesAreCalibrated) {
   NEEDS_DATA;
@@ -72,7 +41,7 @@ TEST_F(OfflineToolsTest, RealFramesAreCalibrated) {
       "calibrate_bag k.bag --reference k.truth.yaml --out r.yaml --overlay o.png --json s.json --set "
       "threads=2");
   ASSERT_EQ(run.status, 0) << run.output;
-  const Eigen::Isometry3d reference = readCalibration((data_ / "calib.json").string()).T_camera_lidar;
+  const Eigen::Isometry3d reference = readCalibration((data() / "calib.json").string()).T_camera_lidar;
   const StoredCalibration result = readCalibration(path("r.yaml"));
   EXPECT_TRUE(result.accepted);
   EXPECT_EQ(result.frames, 5u);
@@ -133,32 +102,6 @@ TEST_F(OfflineToolsTest, CheckBagFindsWhatIsMissing) {
   EXPECT_NE(wrong_masks.output.find("wrong: masks"), std::string::npos) << wrong_masks.output;
 }
 
-TEST_F(OfflineToolsTest, EvaluationDoesNotDependOnThreads) {
-  NEEDS_DATA;
-  const std::string command =
-      "evaluate '" + data_.string() +
-      "' --frames 1 --trials 2 --start-rotation-deg 0.5 --start-translation-m 0.02 --frame-set odd"
-      " --set paper/refine_evaluations=100";
-  const Finished one = call(command + " --threads 1 --csv one.csv --json one.json");
-  ASSERT_EQ(one.status, 0) << one.output;
-  ASSERT_EQ(call(command + " --threads 2 --csv two.csv").status, 0);
-  std::ostringstream first, second;
-  first << std::ifstream(path("one.csv")).rdbuf();
-  second << std::ifstream(path("two.csv")).rdbuf();
-  EXPECT_EQ(first.str(), second.str());
-  EXPECT_GT(first.str().size(), 200u);
-  const YAML::Node figures = YAML::LoadFile(path("one.json"));
-  EXPECT_EQ(figures["method"].as<std::string>(), "paper");
-  EXPECT_EQ(figures["trials"].as<int>(), 2);
-  for (const char* error : {"rotation_deg", "translation_m"}) {
-    const double median = figures[error]["median"].as<double>(), p90 = figures[error]["p90"].as<double>();
-    EXPECT_GT(median, 0.0);
-    EXPECT_GE(p90, median);
-    EXPECT_NEAR(figures[error]["mean"].as<double>(), median, 1e-6);  // of two values
-  }
-  EXPECT_GT(figures["cpu_seconds_per_run"].as<double>(), 0.0);
-}
-
 template <typename Message>
 std::vector<boost::shared_ptr<Message>> messages(const rosbag::Bag& bag, const std::string& topic) {
   std::vector<boost::shared_ptr<Message>> result;
@@ -169,7 +112,7 @@ std::vector<boost::shared_ptr<Message>> messages(const rosbag::Bag& bag, const s
 }
 
 TEST_F(OfflineToolsTest, SimulatedDatasetIsTheSimulatedBag) {
-  if (!fs::exists(TOOL_DIR "/simulate_drive")) GTEST_SKIP() << "simulate_drive was not built: no Embree";
+  NEEDS_SIMULATION;
   const Finished run = call(
       "simulate_drive drive.bag --dataset drive --frames 2 --rate 0.02 --beams 16 --width 320 --height 96");
   ASSERT_EQ(run.status, 0) << run.output;
@@ -226,11 +169,11 @@ TEST_F(OfflineToolsTest, WrongUseAndBadInput) {
 
 TEST_F(OfflineToolsTest, NoHalfBagIsLeftBehind) {
   NEEDS_DATA;
-  const fs::path broken = folder_ / "broken";
+  const fs::path broken = folder() / "broken";
   fs::create_directories(broken / "images");
   fs::create_directories(broken / "pc");
-  fs::copy(data_ / "calib.json", broken / "calib.json");
-  fs::copy(data_ / "images" / "000000.png", broken / "images" / "000000.png");
+  fs::copy(data() / "calib.json", broken / "calib.json");
+  fs::copy(data() / "images" / "000000.png", broken / "images" / "000000.png");
   std::ofstream(broken / "pc" / "000000.pcd") << "no cloud";
   const Finished run = call("dataset_to_bag broken --out broken.bag");
   EXPECT_EQ(run.status, 1);
