@@ -456,12 +456,13 @@ def save(figure, path):
 def plot_basin(rates, path):
     plt = pyplot()
     figure, panel = plt.subplots(figsize=(7, 3.6))
-    for (axis, cells), color, marker in zip(rates.items(), COLORS, 'os^'):
-        panel.plot(BASIN, [100 * cell['success_rate'] for cell in cells], marker=marker, color=color, label=AXES[axis],
-                   alpha=0.85)
-    panel.set(xlabel='error of the start about the axis [deg]', ylabel='trials below 0.3° and 5 cm [%]', xlim=(0, 12.5),
-              ylim=(-3, 105), xticks=BASIN)
-    panel.legend()
+    for i, ((axis, cells), color) in enumerate(zip(rates.items(), COLORS)):
+        panel.bar([place + 0.26 * (i - 1) for place in range(len(BASIN))],
+                  [100 * cell['success_rate'] for cell in cells], width=0.24, color=color, label=AXES[axis])
+    panel.set(xlabel='error of the start about the axis [deg]', ylabel='trials below 0.3° and 5 cm [%]', ylim=(0, 100),
+              xticks=range(len(BASIN)), xticklabels=BASIN)
+    panel.grid(axis='x', visible=False)
+    panel.legend(loc='upper center', bbox_to_anchor=(0.5, 1.15), ncol=3)
     save(figure, path)
 
 

@@ -112,8 +112,9 @@ TEST(Starts, AreUniformOnEachAxis) {
 TEST(Starts, OneAxisIsFixed) {
   const Eigen::Isometry3d T = someExtrinsic();
   const Start start = parseStart("ry=12");
-  EXPECT_DOUBLE_EQ(start.range().rotation_deg, 12.0);
-  EXPECT_DOUBLE_EQ(start.range().translation_m, 0.05);
+  EXPECT_GT(start.range().rotation_deg, 12.5);  // with room: a truth on the border is refused
+  EXPECT_LT(start.range().rotation_deg, 14.0);
+  EXPECT_LT(start.range().translation_m, 0.06);
   std::mt19937_64 random(3), same(3);
   std::set<bool> signs;
   for (int i = 0; i < 100; ++i) {

@@ -42,7 +42,9 @@ bool inLimits(double value, double limit) { return value >= 0.0 && value <= limi
 }  // namespace
 
 SearchRange Start::range() const {
-  return {limits.head<3>().maxCoeff() / kDegree, limits.tail<3>().maxCoeff()};
+  // A start at the limit itself would have the truth on the border of the range, which the gate refuses.
+  const double margin = fixed_axis ? 1.1 : 1.0;
+  return {margin * limits.head<3>().maxCoeff() / kDegree, margin * limits.tail<3>().maxCoeff()};
 }
 
 Eigen::Isometry3d Start::draw(const Eigen::Isometry3d& reference, std::mt19937_64& random) const {
