@@ -77,13 +77,19 @@ class Bench:
         return folder
 
     def simulated(self, beams):
-        folder = self.work / 'simulation_{}'.format(beams)
-        if not (folder / 'calib.json').exists():
+        name = 'simulation_{}'.format(beams)
+        folder, record = self.work / name, self.work / (name + '.command')
+        command = ['--beams', str(beams), *SIMULATION]
+        fresh = self.arguments.fresh and name not in self.asked
+        if fresh or not record.exists() or record.read_text().split() != command:
             program = self.programs / 'simulate_drive'
             if not program.exists():
                 raise Missing('simulate_drive is not built: it needs Embree (libembree-dev)')
-            shutil.rmtree(folder, ignore_errors=True)
-            call([program, '--dataset', folder, '--beams', beams] + SIMULATION)
+            forget(record)
+            shutil.rmtree(str(folder), ignore_errors=True)
+            call([program, '--dataset', folder, *command])
+            record.write_text(' '.join(command) + '\n')
+        self.asked.add(name)
         return folder
 
     def run(self, name, dataset, methods, trials, frames=None, starts=('E2',), extra=()):

@@ -52,16 +52,13 @@ class AccuracyTest(unittest.TestCase):
         self.root = pathlib.Path(self.folder.name)
         self.programs = self.root / 'programs'
         self.programs.mkdir()
-        program = self.programs / 'evaluate'
-        program.write_text(STAND_IN)
-        program.chmod(program.stat().st_mode | stat.S_IXUSR)
+        for name, text in (('evaluate', STAND_IN), ('simulate_drive', '#!/bin/sh\nmkdir "$2"\n')):
+            program = self.programs / name
+            program.write_text(text)
+            program.chmod(program.stat().st_mode | stat.S_IXUSR)
         self.figures(rotation=0.02, translation=0.005)
         for name in ('kitti_00', 'kitti_0926', 'pandar64_a'):
             (self.root / 'data' / name).mkdir(parents=True)
-        for beams in (64, 32, 16):
-            drive = self.root / 'work' / 'simulation_{}'.format(beams)
-            drive.mkdir(parents=True)
-            (drive / 'calib.json').write_text('{}')
 
     def tearDown(self):
         self.folder.cleanup()
@@ -128,6 +125,21 @@ class AccuracyTest(unittest.TestCase):
     def test_refusals_are_told(self):
         self.assertEqual(self.call('--only', 'others').returncode, 0)
         self.assertIn('- kitti_0926, 1 of 2: the score rises by only', self.section('others'))
+
+    def test_drives_are_simulated_once(self):
+        self.assertEqual(self.call('--only', 'beams').returncode, 0)
+        drive = self.root / 'work' / 'simulation_32'
+        self.assertTrue(drive.is_dir())
+        (drive / 'kept').touch()
+        self.assertEqual(self.call('--only', 'beams').returncode, 0)
+        self.assertTrue((drive / 'kept').exists())
+        self.assertEqual(self.call('--only', 'beams', '--fresh').returncode, 0)
+        self.assertTrue(drive.is_dir())
+        self.assertFalse((drive / 'kept').exists())
+        (self.programs / 'simulate_drive').unlink()
+        run = self.call('--only', 'beams', '--fresh')
+        self.assertEqual(run.returncode, 1)
+        self.assertIn('simulate_drive is not built', run.stdout)
 
     def test_without_data_a_section_stays(self):
         (self.root / 'data' / 'kitti_0926').rmdir()
