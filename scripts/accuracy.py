@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Measures what the package reaches and writes the figures, tables and plots of doc/accuracy.md.
 
-    ./bootstrap accuracy                       # builds what is needed, then all sections; about 40 minutes on two cores
+    ./bootstrap accuracy                       # builds what is needed, then all sections; about 40 minutes of CPU, trials in parallel
     scripts/accuracy.py --only beams halves    # these sections, the others stay as they are
     scripts/accuracy.py --trials 2 --work /tmp/a --out /tmp/a/accuracy.md   # for a look
 
@@ -311,20 +311,21 @@ def ablation_section(bench):
 
 
 def basin_section(bench):
-    rates, results = collections.OrderedDict(), []
-    for axis in ('rx', 'ry', 'rz'):
-        starts = ['{}={}'.format(axis, degrees) for degrees in BASIN]
-        results.append(bench.run('basin-{}-{}'.format(METHOD, axis), bench.real('kitti_00'), [METHOD], 5, frames=[5],
-                                 starts=starts, extra=ODD))
-        rates[axis] = [results[-1][METHOD, 5, start] for start in starts]
+    counts, turns = [1, 5], ('rx', 'ry', 'rz')
+    results = collections.OrderedDict((axis, bench.run(
+        'basin-{}-{}'.format(METHOD, axis), bench.real('kitti_00'), [METHOD], 5, frames=counts,
+        starts=['{}={}'.format(axis, degrees) for degrees in BASIN], extra=ODD)) for axis in turns)
+    rates = {frames: {axis: [100 * results[axis][METHOD, frames, '{}={}'.format(axis, degrees)]['success_rate']
+                             for degrees in BASIN] for axis in turns} for frames in counts}
     plot_basin(rates, bench.images / 'basin.png')
     lines = ['![Success against the start](images/basin.png)', '',
-             '| start off by | ' + ' | '.join('{}°'.format(degrees) for degrees in BASIN) + ' |',
-             (len(BASIN) + 1) * '|---' + '|']
-    for axis, cells in rates.items():
-        lines.append('| {} | '.format(AXES[axis])
-                     + ' | '.join('{:.0f} %'.format(100 * cell['success_rate']) for cell in cells) + ' |')
-    return '\n'.join(lines + [note(*results)])
+             '| frames | start off by | ' + ' | '.join('{}°'.format(degrees) for degrees in BASIN) + ' |',
+             (len(BASIN) + 2) * '|---' + '|']
+    for frames in counts:
+        for axis in turns:
+            lines.append('| {} | {} | '.format(frames, AXES[axis])
+                         + ' | '.join('{:.0f} %'.format(rate) for rate in rates[frames][axis]) + ' |')
+    return '\n'.join(lines + [note(*results.values())])
 
 
 def frames_section(bench):
@@ -461,14 +462,18 @@ def save(figure, path):
 
 def plot_basin(rates, path):
     plt = pyplot()
-    figure, panel = plt.subplots(figsize=(7, 3.6))
-    for i, ((axis, cells), color) in enumerate(zip(rates.items(), COLORS)):
-        panel.bar([place + 0.26 * (i - 1) for place in range(len(BASIN))],
-                  [100 * cell['success_rate'] for cell in cells], width=0.24, color=color, label=AXES[axis])
-    panel.set(xlabel='error of the start about the axis [deg]', ylabel='trials below 0.3° and 5 cm [%]', ylim=(0, 100),
-              xticks=range(len(BASIN)), xticklabels=BASIN)
-    panel.grid(axis='x', visible=False)
-    panel.legend(loc='upper center', bbox_to_anchor=(0.5, 1.15), ncol=3)
+    figure, panels = plt.subplots(1, len(rates), figsize=(9.5, 3.6), sharey=True)
+    for panel, (frames, axes_rates) in zip(panels, rates.items()):
+        for i, ((axis, values), color) in enumerate(zip(axes_rates.items(), COLORS)):
+            panel.bar([place + 0.26 * (i - 1) for place in range(len(BASIN))], values, width=0.24, color=color,
+                      label=AXES[axis])
+        panel.set(title='1 frame' if frames == 1 else '{} frames'.format(frames), ylim=(0, 100),
+                  xlabel='error of the start about the axis [deg]', xticks=range(len(BASIN)), xticklabels=BASIN)
+        panel.grid(False, axis='x')
+    panels[0].set_ylabel('trials below 0.3° and 5 cm [%]')
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc='lower center', ncol=len(labels))
+    figure.tight_layout(rect=(0, 0.08, 1, 1))
     save(figure, path)
 
 
