@@ -24,12 +24,17 @@ BEGIN, END = '<!-- accuracy.py: begin {} -->', '<!-- accuracy.py: end {} -->'
 # --- what is measured: change it here --------------------------------------------------------------------------------
 
 PAPER = 'paper'
-METHOD = 'edges'
-LABELS = {PAPER: 'paper', METHOD: 'edges'}  # in plots
+METHOD = 'consistency_edges'
+LABELS = {PAPER: 'paper', METHOD: 'edges and regions'}  # in plots
 
 # Variants of METHOD without one of its parts, as evaluate takes them.
 ABLATION = [
     METHOD,
+    'no_azimuth_gaps:edges/weight_azimuth_gap=0',
+    'no_ring_gaps:edges/weight_ring_gap=0',
+    'no_reflectivity_steps:edges/weight_reflectivity_step=0',
+    'no_region:edges/weight_region=0',
+    'azimuth_gaps_only:edges/weight_ring_gap=0,edges/weight_reflectivity_step=0,edges/weight_region=0',
     'no_hidden_culling:frame/cull_hidden=false',
     'paper_search:search=paper',
 ]
@@ -38,7 +43,7 @@ ABLATION = [
 TERMS = {
     PAPER: [('total', 'total'), ('reflectivity', 'reflectivity $F_R$'), ('normal', 'normal $F_N$'),
             ('segment', 'segment $F_S$')],
-    METHOD: [('total', 'total')],
+    METHOD: [('total', 'total'), ('edges', 'edges'), ('region', 'region')],
 }
 
 STARTS = ['E1', 'E2', 'E3']

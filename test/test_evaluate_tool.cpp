@@ -67,7 +67,7 @@ class EvaluateTest : public ToolTest {
 TEST_F(EvaluateTest, ManyCellsInOneCall) {
   NEEDS_SIMULATION;
   const std::string command =
-      "evaluate drive --method edges --method 'paper:paper/refine_evaluations=50,paper/grid_step_deg=2'"
+      "evaluate drive --method consistency_edges --method 'paper:paper/refine_evaluations=50,paper/grid_step_deg=2'"
       " --frames 1,3 --start E1,'2 0.1' --trials 3";
   const Finished one = call(command + " --threads 1 --csv one.csv --json one.json");
   ASSERT_EQ(one.status, 0) << one.output;
@@ -118,7 +118,7 @@ TEST_F(EvaluateTest, ManyCellsInOneCall) {
     if (cell["frames"].as<int>() != 3) continue;
     (cell["method"].as<std::string>() == "paper" ? paper_error : edges_error) +=
         cell["rotation_deg"]["median"].as<double>();
-    if (cell["method"].as<std::string>() != "edges") continue;
+    if (cell["method"].as<std::string>() != "consistency_edges") continue;
     EXPECT_LT(cell["rotation_deg"]["median"].as<double>(), 0.2);  // from 1 to 2 deg, 0.05 to 0.1 m
     EXPECT_LT(cell["translation_m"]["median"].as<double>(), 0.03);
   }
@@ -128,7 +128,7 @@ TEST_F(EvaluateTest, ManyCellsInOneCall) {
 TEST_F(EvaluateTest, HalvesAreDisjoint) {
   NEEDS_SIMULATION;
   const Finished run =
-      call("evaluate drive --method edges --halves 3 --start E1 --trials 3 --csv halves.csv");
+      call("evaluate drive --method consistency_edges --halves 3 --start E1 --trials 3 --csv halves.csv");
   ASSERT_EQ(run.status, 0) << run.output;
   const auto rows = readCsv(path("halves.csv"));
   ASSERT_EQ(rows.size(), 3u);
@@ -153,7 +153,7 @@ TEST_F(EvaluateTest, HalvesAreDisjoint) {
 
 TEST_F(EvaluateTest, AllFramesAndFewerRings) {
   NEEDS_SIMULATION;
-  const std::string command = "evaluate drive --method edges --frames all --start E1 --trials 1";
+  const std::string command = "evaluate drive --method consistency_edges --frames all --start E1 --trials 1";
   ASSERT_EQ(call(command + " --csv all.csv").status, 0);
   ASSERT_EQ(call(command + " --csv few.csv --every-ring 4").status, 0);
   const auto all = readCsv(path("all.csv")), few = readCsv(path("few.csv"));
@@ -168,7 +168,7 @@ TEST_F(EvaluateTest, AllFramesAndFewerRings) {
 
 TEST_F(EvaluateTest, SlicesHaveTheirTopAtTheTruth) {
   NEEDS_SIMULATION;
-  const Finished run = call("evaluate drive --method paper --method edges --slices slices.csv");
+  const Finished run = call("evaluate drive --method paper --method consistency_edges --slices slices.csv");
   ASSERT_EQ(run.status, 0) << run.output;
   const auto rows = readCsv(path("slices.csv"));
   ASSERT_EQ(rows.size(), 2u * 6u * 41u);
@@ -184,7 +184,7 @@ TEST_F(EvaluateTest, SlicesHaveTheirTopAtTheTruth) {
     best = std::max(best, {total, offset});
   }
   ASSERT_EQ(top.size(), 2u);
-  EXPECT_NEAR(top["edges"].second, 0.0, 0.11);
+  EXPECT_NEAR(top["consistency_edges"].second, 0.0, 0.11);
   EXPECT_NEAR(top["paper"].second, 0.0, 0.51);
 }
 
@@ -206,7 +206,7 @@ TEST_F(EvaluateTest, WrongOptionsAreNamed) {
 TEST_F(EvaluateTest, EvaluationOfRealFrames) {
   NEEDS_DATA;
   const Finished run = call("evaluate '" + data().string() +
-                            "' --method edges --frames 5 --trials 2 --start E1 --frame-set odd --every-ring 2"
+                            "' --method consistency_edges --frames 5 --trials 2 --start E1 --frame-set odd --every-ring 2"
                             " --json real.json");
   ASSERT_EQ(run.status, 0) << run.output;
   const YAML::Node cell = YAML::LoadFile(path("real.json"))["cells"][0];

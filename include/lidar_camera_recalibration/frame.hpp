@@ -13,8 +13,11 @@
 
 namespace lidar_camera_recalibration {
 
+class BoundaryField;
+
 struct FrameConfig {
   LidarFeatureConfig features;
+  bool edges = true;  ///< find the LiDAR's edges and the borders of the masks, for objective `consistency_edges`
   /// Points that no extrinsic within this angle of the guess brings into the image are dropped [deg].
   double crop_margin_deg = 12.0;
   double min_range = 1.0;    ///< nearer points belong to the vehicle [m]
@@ -36,16 +39,17 @@ struct FramePoints {
   bool hasReflectivity() const { return !reflectivity.empty(); }
 };
 
-/// Places where a camera should see an edge, in the LiDAR frame; what objective `edges` matches with the
-/// boundaries of the masks. Empty if the cloud's points cannot be assigned to the LiDAR's rings.
+/// Places where a camera should see an edge, in the LiDAR frame; what objective `consistency_edges` matches with
+/// the borders of the masks. Empty if the cloud's points cannot be assigned to the LiDAR's rings.
 struct EdgePoints {
+  static constexpr std::size_t kKinds = 3;
   enum class Kind : std::uint8_t {
     kAzimuthGap,    ///< step of the range along a ring: an upright silhouette
     kRingGap,       ///< step of the range from ring to ring: a level silhouette
     kReflectivity,  ///< step of the reflectivity along a ring
   };
   std::vector<float> x, y, z;  ///< [m], on the nearer side
-  std::vector<float> weight;   ///< 0..1
+  std::vector<float> weight;   ///< how clear; 0..1, the samples of one ring gap together
   std::vector<Kind> kind;
 
   std::size_t size() const { return x.size(); }
@@ -62,6 +66,8 @@ struct Frame {
   /// not in `points` and all flags are 1; without it they are there, and scored.
   std::vector<std::uint8_t> visible;
   EdgePoints edges{};
+  /// Of the masks, in the ideal image; none without FrameConfig::edges.
+  std::shared_ptr<const BoundaryField> borders{};
 };
 using FramePtr = std::shared_ptr<const Frame>;
 using Frames = std::vector<FramePtr>;
@@ -76,7 +82,7 @@ std::vector<std::uint8_t> visiblePoints(const std::vector<Eigen::Vector3f>& poin
                                         const Eigen::Isometry3d& T_camera_lidar);
 
 /// @param image   as the camera took it, CV_8UC1 or CV_8UC3 (may be empty: then
-///                nothing can be drawn, and objective `edges` has the masks' borders as they are)
+///                nothing can be drawn, and the masks' borders are taken as they are)
 /// @param layers  label images of the masks, CV_32SC1, of the image's size, as for MaskSets::fromLayers
 /// @param guess   T_camera_lidar around which will be searched
 /// @throw Error(kCloud, kMasks, kImage, kNotEnough) saying what is wrong with this frame.

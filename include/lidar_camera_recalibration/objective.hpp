@@ -12,18 +12,30 @@ namespace lidar_camera_recalibration {
 /// The score of one extrinsic on a set of frames; higher is better.
 struct Score {
   double total = 0.0;  ///< what the search maximises
-  // Means over the masks, weighted like the total; 0..1. Objective `edges` has none of them.
+  // Objective `paper`: means over the masks, weighted like the total; 0..1.
   double reflectivity = 0.0;  ///< F_R
   double normal = 0.0;        ///< F_N
   double segment = 0.0;       ///< F_S
-  std::size_t points = 0;     ///< points that fell into at least one mask; `edges`: edges in the image
-  std::size_t masks = 0;      ///< masks that received at least one point; `edges`: of frames with an edge
+  // Objective `consistency_edges`: means over the edges by their weights, and over the frames.
+  double edges = 0.0;   ///< LiDAR edges on borders of masks; 0 = chance, 1 = all of them
+  double region = 0.0;  ///< normalised mutual information of masks and classes of points, 0..1
+  std::size_t points =
+      0;  ///< points that fell into at least one mask; `consistency_edges`: into the image
+  std::size_t masks = 0;  ///< masks that received at least one point; `consistency_edges`: of frames with one
 };
 
 struct ObjectiveConfig {
-  /// `paper`: the consistency score of Calib-Anything; `edges`: LiDAR edges on the borders of the masks,
-  /// which has no weights
-  std::string objective = "paper";
+  /// `consistency_edges`: LiDAR edges on the borders of the masks, and classes of points in masks; `paper`: the
+  /// consistency score of Calib-Anything
+  std::string objective = "consistency_edges";
+
+  // Of `consistency_edges`; 0 leaves a term out.
+  double weight_azimuth_gap = 1.0;        ///< steps of the range along a ring
+  double weight_ring_gap = 0.5;           ///< steps of the range from ring to ring, which are less exact
+  double weight_reflectivity_step = 1.0;  ///< steps of the reflectivity along a ring
+  double weight_region = 1.0;             ///< of Score::region beside Score::edges
+
+  // Of `paper`.
   double weight_reflectivity =
       1.0 / 3.0;                      ///< w_R; shared out to the others where a cloud has no reflectivity
   double weight_normal = 1.0 / 3.0;   ///< w_N

@@ -17,9 +17,9 @@ struct SearchRange {
 };
 
 struct SearchConfig {
-  /// `paper`: brute-force rotation grid, then random refinement; `coarse_to_fine`: for objective `edges`;
-  /// needs none of the numbers below but the threads
-  std::string search = "paper";
+  /// `coarse_to_fine`: for objective `consistency_edges`, needs none of the numbers below but the threads;
+  /// `paper`: brute-force rotation grid, then random refinement
+  std::string search = "coarse_to_fine";
   double grid_step_deg = 1.0;     ///< stride of the brute-force rotation search
   int refine_evaluations = 4000;  ///< random candidates of the refinement
   std::uint64_t seed = 1;         ///< same seed and input, same result

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <opencv2/imgproc.hpp>
 
 #include "lidar_camera_recalibration/extrinsic.hpp"
@@ -9,51 +10,12 @@
 namespace lidar_camera_recalibration {
 namespace {
 
-constexpr float kDistanceScale = 256.0f;  // of the stored distances: 0 to 255 px
 constexpr float kClosenessScale = 127.0f;
 
-// Borders, and how strongly the image changes along u and along v around each pixel.
-struct Borders {
-  cv::Mat pixels;              // CV_8UC1, 255 on borders
-  cv::Mat change_u, change_v;  // CV_32FC1
-};
+double widthInPixels(std::size_t level, double fx) { return fx * kBoundaryWidths[level] * kDegree; }
 
-// Both pixels at each change of the set of masks.
-Borders maskBorders(const cv::Mat& sets) {
-  Borders borders{cv::Mat::zeros(sets.size(), CV_8UC1), {}, {}};
-  const int w = sets.cols, h = sets.rows;
-  const auto changes = [&](const cv::Rect& here, const cv::Rect& there) {
-    cv::Mat result = cv::Mat::zeros(sets.size(), CV_8UC1), differs = sets(here) != sets(there);
-    cv::bitwise_or(result(here), differs, result(here));
-    cv::bitwise_or(result(there), differs, result(there));
-    cv::bitwise_or(borders.pixels, result, borders.pixels);
-    result.convertTo(result, CV_32FC1);
-    return result;
-  };
-  borders.change_u = changes({0, 0, w - 1, h}, {1, 0, w - 1, h});
-  borders.change_v = changes({0, 0, w, h - 1}, {0, 1, w, h - 1});
-  return borders;
-}
-
-Borders intensityEdges(const cv::Mat& ideal_image) {
-  constexpr double kSigma = 1.0, kLow = 30.0, kHigh = 80.0;
-  Borders edges;
-  cv::Mat grey;
-  cv::cvtColor(ideal_image, grey, cv::COLOR_BGR2GRAY);
-  cv::GaussianBlur(grey, grey, cv::Size(), kSigma);
-  cv::Canny(grey, edges.pixels, kLow, kHigh, 3, true);
-  cv::Sobel(grey, edges.change_u, CV_32F, 1, 0);
-  cv::Sobel(grey, edges.change_v, CV_32F, 0, 1);
-  edges.change_u = edges.change_u.mul(edges.change_u);
-  edges.change_v = edges.change_v.mul(edges.change_v);
-  return edges;
-}
-
-cv::Mat distanceTo(const cv::Mat& pixels) {
-  cv::Mat distance;
-  cv::distanceTransform(pixels == 0, distance, cv::DIST_L2, cv::DIST_MASK_PRECISE);
-  return distance;
-}
+/// A border of so many sigma needs no finer pixels.
+int shrinkFactor(double sigma) { return std::clamp(static_cast<int>(sigma / 2.5), 1, 4); }
 
 // A blur by a wide Gaussian, made on a smaller image.
 cv::Mat wideBlur(const cv::Mat& image, double sigma) {
@@ -67,91 +29,109 @@ cv::Mat wideBlur(const cv::Mat& image, double sigma) {
 }
 
 cv::Mat closenessImage(const cv::Mat& distance, double sigma) {
+  const int shrink = shrinkFactor(sigma);
   cv::Mat near;
-  cv::multiply(distance, distance, near, -0.5 / (sigma * sigma));
+  if (shrink > 1) {
+    // Whole blocks: then the places of the small image's pixels are known exactly.
+    const cv::Size small(distance.cols / shrink, distance.rows / shrink);
+    cv::resize(distance(cv::Rect(0, 0, small.width * shrink, small.height * shrink)), near, small, 0.0, 0.0,
+               cv::INTER_AREA);
+  } else {
+    near = distance.clone();
+  }
+  cv::multiply(near, near, near, -0.5 / (sigma * sigma));
   cv::exp(near, near);
-  near -= wideBlur(near, 5.0 * sigma);
+  near -= wideBlur(near, 5.0 * sigma / shrink);
   cv::Mat stored;
   near.convertTo(stored, CV_8SC1, kClosenessScale);
   return stored;
 }
 
-// The four pixels around a place and their weights.
-struct Bilinear {
-  int u, v;
-  float a, b;
-
-  // Whether the place lies between pixels of the image
-  bool set(const cv::Mat& image, float pu, float pv) {
-    if (!(pu >= 0.0f && pv >= 0.0f && pu < static_cast<float>(image.cols - 1) &&
-          pv < static_cast<float>(image.rows - 1))) {
-      return false;
-    }
-    u = static_cast<int>(pu);
-    v = static_cast<int>(pv);
-    a = pu - static_cast<float>(u);
-    b = pv - static_cast<float>(v);
-    return true;
-  }
-};
-
 }  // namespace
 
-std::array<cv::Mat, BoundaryField::kDirections> maskBoundaries(const Frame& frame) {
-  Borders borders = maskBorders(frame.masks.setOfPixel());
-  if (!frame.image.empty()) {
-    constexpr double kReach = 3.0;  // [px]
-    const cv::Mat within = distanceTo(borders.pixels) <= kReach;
-    borders = intensityEdges(frame.camera.distorted() ? frame.camera.toIdeal(frame.image, cv::INTER_LINEAR)
-                                                      : frame.image);
-    cv::bitwise_and(borders.pixels, within, borders.pixels);
+BoundaryField::BoundaryField(const std::vector<Border>& borders, const cv::Size& size, double fx)
+    : size_(size) {
+  for (std::size_t level = 0; level < kScoreLevels; ++level) {
+    shrink_[level] = static_cast<float>(shrinkFactor(widthInPixels(level, fx)));
   }
-  // An upright border is one that is crossed along u.
-  const cv::Size window(7, 7);
-  cv::boxFilter(borders.change_u, borders.change_u, CV_32F, window);
-  cv::boxFilter(borders.change_v, borders.change_v, CV_32F, window);
-  std::array<cv::Mat, BoundaryField::kDirections> result;
-  cv::bitwise_and(borders.pixels, borders.change_u >= borders.change_v, result[BoundaryField::kUpright]);
-  cv::bitwise_and(borders.pixels, borders.change_u < borders.change_v, result[BoundaryField::kLevel]);
-  return result;
+  std::vector<Border> upright, level;
+  for (const Border& border : borders) {
+    if (border.upright) upright.push_back(border);
+    if (border.level) level.push_back(border);
+  }
+  channels_[kUpright] = makeChannel(std::move(upright), size, fx);
+  channels_[kLevel] = makeChannel(std::move(level), size, fx);
 }
 
-BoundaryField::BoundaryField(const Frame& frame)
-    : BoundaryField(maskBoundaries(frame), frame.camera.intrinsics().fx) {}
-
-BoundaryField::BoundaryField(const std::array<cv::Mat, kDirections>& boundaries, double fx) {
-  for (std::size_t d = 0; d < kDirections; ++d) {
-    if (cv::countNonZero(boundaries[d]) == 0) continue;  // no field: nothing to be drawn to
-    const cv::Mat distance = distanceTo(boundaries[d]);
-    distance.convertTo(distance_[d], CV_16UC1, kDistanceScale);
-    for (std::size_t level = 0; level < kBoundaryLevels; ++level) {
-      closeness_[d][level] = closenessImage(distance, fx * kBoundaryWidths[level] * kDegree);
+BoundaryField::Channel BoundaryField::makeChannel(std::vector<Border> borders, const cv::Size& size,
+                                                  double fx) {
+  if (borders.empty()) return {};  // nothing to be drawn to
+  cv::Mat no_border(size, CV_8UC1, cv::Scalar(255));
+  for (const Border& border : borders) no_border.at<std::uint8_t>(border.pixel) = 0;
+  cv::Mat distance, label;
+  cv::distanceTransform(no_border, distance, label, cv::DIST_L2, cv::DIST_MASK_5, cv::DIST_LABEL_PIXEL);
+  std::vector<int> border_of_label(borders.size() + 1, 0);
+  for (std::size_t i = 0; i < borders.size(); ++i) {
+    border_of_label[static_cast<std::size_t>(label.at<int>(borders[i].pixel))] = static_cast<int>(i);
+  }
+  for (int v = 0; v < size.height; ++v) {
+    for (int u = 0; u < size.width; ++u) {
+      int& nearest = label.at<int>(v, u);
+      nearest = border_of_label[static_cast<std::size_t>(nearest)];
+      const Border& border = borders[static_cast<std::size_t>(nearest)];
+      distance.at<float>(v, u) =
+          std::hypot(static_cast<float>(u) - border.u, static_cast<float>(v) - border.v);
     }
   }
+  Channel channel;
+  if (borders.size() <= std::numeric_limits<std::uint16_t>::max()) {
+    label.convertTo(channel.nearest, CV_16UC1);
+  } else {
+    channel.nearest = label;
+  }
+  for (std::size_t level = 0; level < kScoreLevels; ++level) {
+    channel.closeness[level] = closenessImage(distance, widthInPixels(level, fx));
+  }
+  channel.borders = std::move(borders);
+  return channel;
 }
 
 float BoundaryField::closeness(Direction direction, std::size_t level, float u, float v) const {
-  const cv::Mat& field = closeness_[direction][level];
-  Bilinear at;
-  if (!at.set(field, u, v)) return 0.0f;
-  const auto* top = field.ptr<std::int8_t>(at.v) + at.u;
-  const auto* bottom = field.ptr<std::int8_t>(at.v + 1) + at.u;
-  const float upper = top[0] + at.a * static_cast<float>(top[1] - top[0]);
-  const float lower = bottom[0] + at.a * static_cast<float>(bottom[1] - bottom[0]);
-  return (upper + at.b * (lower - upper)) / kClosenessScale;
+  const cv::Mat& field = channels_[direction].closeness[level];
+  const float shrink = shrink_[level];
+  const float pu = (u + 0.5f) / shrink - 0.5f, pv = (v + 0.5f) / shrink - 0.5f;
+  if (!(pu >= 0.0f && pv >= 0.0f && pu < static_cast<float>(field.cols - 1) &&
+        pv < static_cast<float>(field.rows - 1))) {
+    return 0.0f;
+  }
+  const int left = static_cast<int>(pu), top = static_cast<int>(pv);
+  const float a = pu - static_cast<float>(left), b = pv - static_cast<float>(top);
+  const auto* upper_row = field.ptr<std::int8_t>(top) + left;
+  const auto* lower_row = field.ptr<std::int8_t>(top + 1) + left;
+  const float upper = upper_row[0] + a * static_cast<float>(upper_row[1] - upper_row[0]);
+  const float lower = lower_row[0] + a * static_cast<float>(lower_row[1] - lower_row[0]);
+  return (upper + b * (lower - upper)) / kClosenessScale;
 }
 
-BoundaryField::Distance BoundaryField::distance(Direction direction, float u, float v) const {
-  const cv::Mat& field = distance_[direction];
-  Bilinear at;
-  if (!at.set(field, u, v)) return {};
-  const auto* top = field.ptr<std::uint16_t>(at.v) + at.u;
-  const auto* bottom = field.ptr<std::uint16_t>(at.v + 1) + at.u;
-  const float top_du = static_cast<float>(top[1] - top[0]);
-  const float bottom_du = static_cast<float>(bottom[1] - bottom[0]);
-  const float upper = top[0] + at.a * top_du, lower = bottom[0] + at.a * bottom_du;
-  return {(upper + at.b * (lower - upper)) / kDistanceScale,
-          (top_du + at.b * (bottom_du - top_du)) / kDistanceScale, (lower - upper) / kDistanceScale, true};
+const Border* BoundaryField::nearest(Direction direction, float u, float v) const {
+  const Channel& channel = channels_[direction];
+  if (channel.borders.empty() || !(u >= 0.0f && v >= 0.0f && u <= static_cast<float>(size_.width - 1) &&
+                                   v <= static_cast<float>(size_.height - 1))) {
+    return nullptr;
+  }
+  const cv::Point pixel(static_cast<int>(u + 0.5f), static_cast<int>(v + 0.5f));
+  const int index = channel.nearest.type() == CV_16UC1 ? channel.nearest.at<std::uint16_t>(pixel)
+                                                       : channel.nearest.at<int>(pixel);
+  return &channel.borders[static_cast<std::size_t>(index)];
+}
+
+std::size_t BoundaryField::bytes() const {
+  std::size_t sum = sizeof(BoundaryField);
+  for (const Channel& channel : channels_) {
+    sum += channel.borders.capacity() * sizeof(Border) + channel.nearest.total() * channel.nearest.elemSize();
+    for (const cv::Mat& level : channel.closeness) sum += level.total() * level.elemSize();
+  }
+  return sum;
 }
 
 }  // namespace lidar_camera_recalibration

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numeric>
 
-#include "edges_objective.hpp"
+#include "consistency_edges_objective.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
 #include "parallel.hpp"
@@ -20,23 +20,31 @@ constexpr double kGridMargin = 1.1;  // the grid covers so many times the range
 constexpr std::size_t kCandidates = 30;
 constexpr double kCandidateDistance = 0.9 * kDegree;
 constexpr std::size_t kFinalists = 5;
+constexpr std::size_t kCoarseEdges = 4000;  // enough to find the places that deserve a closer look
 
-// Edges come in rows from the same borders, so they are worth fewer independent measurements. On real frames
-// the result hardly depends on it from 3 to 20; at 100 the prior pulls it to the start.
-constexpr double kEdgesPerMeasurement = 10.0;
-constexpr double kMinTranslationSigma = 0.03;     // of the prior [m]
-constexpr double kRefineTranslationSigma = 0.2;   // weak, so that a scatter of refinements is visible [m]
-constexpr double kRotationSigma = 5.0 * kDegree;  // only keeps the equations solvable
-constexpr int kMaxSteps = 40;                     // of Gauss-Newton at one width; convergence ends it earlier
+// Edges come in rows from the same borders, so they are worth fewer independent measurements. From 5 frames on
+// the result does not depend on it from 1 to 5; at 20 the prior pulls single frames to the start.
+constexpr double kEdgesPerMeasurement = 2.0;
+constexpr double kMinRotationSigma = 0.3 * kDegree, kMinTranslationSigma = 0.03;  // of the prior [rad, m]
+// Weak, so that a scatter of refinements is visible [rad, m].
+constexpr double kRefineRotationSigma = 5.0 * kDegree, kRefineTranslationSigma = 0.2;
+constexpr int kMaxSteps = 40;  // of Gauss-Newton at one width; convergence ends it earlier
 
-/// What is known before the edges are looked at: the translation is near the start's.
+/// What is known before the edges are looked at: how far off the start can be.
 struct Prior {
   Eigen::Isometry3d start;
-  double translation_sigma;  // [m]
-  double limit;              // of the shift on each axis [m]
+  double rotation_sigma, translation_sigma;  // [rad, m]
+  double limit;                              // of the shift on each axis [m]
+
+  /// The truth is taken to be uniform over the range.
+  static Prior fromRange(const Eigen::Isometry3d& start, const SearchRange& range) {
+    const double root = std::sqrt(3.0);
+    return {start, std::max(kMinRotationSigma, range.rotation_deg * kDegree / root),
+            std::max(kMinTranslationSigma, range.translation_m / root), range.translation_m};
+  }
 
   void addTo(const Eigen::Isometry3d& T, Matrix6d& H, Vector6d& b) const {
-    const double rotation = 1.0 / (kRotationSigma * kRotationSigma),
+    const double rotation = 1.0 / (rotation_sigma * rotation_sigma),
                  translation = 1.0 / (translation_sigma * translation_sigma);
     H.diagonal().head<3>().array() += rotation;
     H.diagonal().tail<3>().array() += translation;
@@ -52,7 +60,7 @@ struct Optimum {
 };
 
 /// Gauss-Newton at one width after the other until the steps are small.
-Optimum descend(const EdgeEvaluator& evaluator, const Prior& prior, Eigen::Isometry3d T,
+Optimum descend(const ConsistencyEdgesEvaluator& evaluator, const Prior& prior, Eigen::Isometry3d T,
                 std::initializer_list<std::size_t> levels) {
   constexpr double kMaxRotation = 0.5 * kDegree, kMaxTranslation = 0.1;         // of a step [rad, m]
   constexpr double kFineRotation = 0.002 * kDegree, kFineTranslation = 0.0005;  // small enough to stop
@@ -76,7 +84,7 @@ Optimum descend(const EdgeEvaluator& evaluator, const Prior& prior, Eigen::Isome
     }
   }
   T.linear() = Eigen::Quaterniond(T.linear()).normalized().toRotationMatrix();
-  return {T, evaluator.score(T, EdgeEvaluator::kScoreLevel), evaluations + 1};
+  return {T, 0.0, evaluations};
 }
 
 /// Runs jobs in parallel and tells about them in batches: results do not depend on threads or batches.
@@ -129,21 +137,22 @@ Isometries candidates(const Isometries& grid, const std::vector<double>& scores)
 }
 
 /// @throw Error as CoarseToFineSearch::run
-std::unique_ptr<EdgeEvaluator> edgeEvaluator(const Objective& objective, const Frames& frames) {
+std::unique_ptr<ConsistencyEdgesEvaluator> edgeEvaluator(const Objective& objective, const Frames& frames) {
   requireFrames(frames);
   std::unique_ptr<Evaluator> evaluator = objective.evaluator(frames, {});
-  auto* const edges = dynamic_cast<EdgeEvaluator*>(evaluator.get());
+  auto* const edges = dynamic_cast<ConsistencyEdgesEvaluator*>(evaluator.get());
   if (edges == nullptr) {
     throw Error(ErrorCause::kParameter,
-                "search: 'coarse_to_fine' works with objective 'edges' only; set both, or search 'paper'");
+                "search: 'coarse_to_fine' works with objective 'consistency_edges' only; set both, or search "
+                "'paper'");
   }
   evaluator.release();
-  std::unique_ptr<EdgeEvaluator> result(edges);
+  std::unique_ptr<ConsistencyEdgesEvaluator> result(edges);
   if (result->edgeCount() == 0) {
-    throw Error(
-        ErrorCause::kNotEnough,
-        "objective 'edges': no edge was found in the clouds; it needs clouds of a spinning LiDAR with "
-        "a field 'ring', or in the order of the rings; use objective and search 'paper' for others");
+    throw Error(ErrorCause::kNotEnough,
+                "objective 'consistency_edges': no edge was found in the clouds; it needs clouds of a spinning "
+                "LiDAR with a field 'ring', or in the order of the rings; use objective and search 'paper' for "
+                "others");
   }
   return result;
 }
@@ -157,10 +166,9 @@ CoarseToFineSearch::CoarseToFineSearch(const SearchConfig& config) : config_(con
 SearchResult CoarseToFineSearch::run(const Objective& objective, const Frames& frames,
                                      const Eigen::Isometry3d& start, const SearchRange& range,
                                      const Progress& progress) const {
-  const std::unique_ptr<const EdgeEvaluator> evaluator = edgeEvaluator(objective, frames);
-  // The truth is taken to be uniform over the range.
-  const Prior prior{start, std::max(kMinTranslationSigma, range.translation_m / std::sqrt(3.0)),
-                    range.translation_m};
+  const std::unique_ptr<ConsistencyEdgesEvaluator> evaluator = edgeEvaluator(objective, frames);
+  const ConsistencyEdgesEvaluator coarse = evaluator->thinned(kCoarseEdges);
+  const Prior prior = Prior::fromRange(start, range);
   SearchResult result;
   result.T_camera_lidar = start;
   Stages stages(config_.threads, progress, result);
@@ -172,7 +180,7 @@ SearchResult CoarseToFineSearch::run(const Objective& objective, const Frames& f
   std::vector<double> scores(grid.size());
   double best = -1.0;
   const auto score = [&](std::size_t i) {
-    scores[i] = 0.5 * (evaluator->score(grid[i], 0) + evaluator->score(grid[i], 1));
+    scores[i] = 0.5 * (coarse.edgeScore(grid[i], 0) + coarse.edgeScore(grid[i], 1));
   };
   const auto best_of_grid = [&](std::size_t first, std::size_t end) {
     for (std::size_t i = first; i < end; ++i) {
@@ -184,6 +192,12 @@ SearchResult CoarseToFineSearch::run(const Objective& objective, const Frames& f
     return best;
   };
   if (!stages.run(grid.size(), grid.size() / 20 + 1, 0.4, score, best_of_grid)) return result;
+
+  // All terms: the edges alone can be fooled by a frame or two.
+  const auto judge = [&](Optimum& optimum) {
+    optimum.score = (*evaluator)(optimum.T).total;
+    ++optimum.evaluations;
+  };
 
   // 2. The optima around the best of them, with borders wide enough to reach from one place of the grid to
   // the next.
@@ -199,7 +213,10 @@ SearchResult CoarseToFineSearch::run(const Objective& objective, const Frames& f
     }
     return best;
   };
-  const auto approach = [&](std::size_t i) { optima[i] = descend(*evaluator, prior, places[i], {0, 1}); };
+  const auto approach = [&](std::size_t i) {
+    optima[i] = descend(coarse, prior, places[i], {0, 1});
+    judge(optima[i]);
+  };
   if (!stages.run(places.size(), 2, 0.5, approach, keepBest)) return result;
 
   // 3. The best of these to the end.
@@ -207,19 +224,23 @@ SearchResult CoarseToFineSearch::run(const Objective& objective, const Frames& f
                    [](const Optimum& a, const Optimum& b) { return a.score > b.score; });
   optima.resize(std::min(kFinalists, optima.size()));
   best = -1.0;
-  const auto finish = [&](std::size_t i) { optima[i] = descend(*evaluator, prior, optima[i].T, {1, 2, 3}); };
+  const auto finish = [&](std::size_t i) {
+    optima[i] = descend(*evaluator, prior, optima[i].T, {1, 2, 3});
+    judge(optima[i]);
+  };
   stages.run(optima.size(), 1, 0.1, finish, keepBest);
   return result;
 }
 
 SearchResult CoarseToFineSearch::refine(const Objective& objective, const Frames& frames,
                                         const Eigen::Isometry3d& start, const Progress& progress) const {
-  const std::unique_ptr<const EdgeEvaluator> evaluator = edgeEvaluator(objective, frames);
+  const std::unique_ptr<ConsistencyEdgesEvaluator> evaluator = edgeEvaluator(objective, frames);
   constexpr double kLimit = 1.0;
-  const Optimum optimum =
-      descend(*evaluator, Prior{start, kRefineTranslationSigma, kLimit}, start, {1, 2, 3});
-  SearchResult result{optimum.T, optimum.evaluations, false};
-  result.cancelled = progress && !progress(1.0, optimum.score);
+  const Prior prior{start, kRefineRotationSigma, kRefineTranslationSigma, kLimit};
+  const Optimum optimum = descend(*evaluator, prior, start, {1, 2, 3});
+  const double score = (*evaluator)(optimum.T).total;
+  SearchResult result{optimum.T, optimum.evaluations + 1, false};
+  result.cancelled = progress && !progress(1.0, score);
   return result;
 }
 

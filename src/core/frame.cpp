@@ -8,7 +8,9 @@
 
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
+#include "boundary_field.hpp"
 #include "lidar_edges.hpp"
+#include "mask_borders.hpp"
 
 namespace lidar_camera_recalibration {
 namespace {
@@ -77,6 +79,10 @@ cv::Mat colourCopy(const cv::Mat& image, const Intrinsics& k) {
                                         ": convert it to CV_8UC1 or CV_8UC3 (mono8 or bgr8).");
   }
   return colour;
+}
+
+cv::Mat idealImage(const Camera& camera, const cv::Mat& image) {
+  return camera.distorted() && !image.empty() ? camera.toIdeal(image, cv::INTER_LINEAR) : image;
 }
 
 MaskSets idealMasks(const Camera& camera, const std::vector<cv::Mat>& layers, int min_masks) {
@@ -170,8 +176,13 @@ FramePtr makeFrame(double stamp, const Camera& camera, const cv::Mat& image,
   const LidarFeatures features = computeLidarFeatures(cropped, config.features);
   const std::vector<std::uint8_t> visible = visiblePoints(cropped.points, guess);
 
-  EdgePoints edges =
-      findLidarEdges(cropped, features, config.cull_hidden ? visible : std::vector<std::uint8_t>());
+  EdgePoints edges;
+  std::shared_ptr<const BoundaryField> borders;
+  if (config.edges) {
+    edges = findLidarEdges(cropped, features, config.cull_hidden ? visible : std::vector<std::uint8_t>());
+    borders = std::make_shared<const BoundaryField>(maskBorders(masks.setOfPixel(), idealImage(camera, colour)),
+                                                    masks.setOfPixel().size(), camera.intrinsics().fx);
+  }
 
   std::vector<std::size_t> chosen;
   std::vector<std::uint8_t> chosen_visible;
@@ -182,7 +193,8 @@ FramePtr makeFrame(double stamp, const Camera& camera, const cv::Mat& image,
   }
   return std::make_shared<const Frame>(Frame{stamp, camera, std::move(colour), std::move(masks),
                                              framePoints(cropped, features, chosen),
-                                             std::move(chosen_visible), std::move(edges)});
+                                             std::move(chosen_visible), std::move(edges),
+                                             std::move(borders)});
 }
 
 std::size_t memoryUse(const Frame& frame) {
@@ -192,6 +204,7 @@ std::size_t memoryUse(const Frame& frame) {
   for (const auto* column : {&p.x, &p.y, &p.z, &p.nx, &p.ny, &p.nz, &p.reflectivity}) sum += bytes(*column);
   const EdgePoints& e = frame.edges;
   for (const auto* column : {&e.x, &e.y, &e.z, &e.weight}) sum += bytes(*column);
+  if (frame.borders) sum += frame.borders->bytes();
   return sum + bytes(e.kind) + bytes(p.segment);
 }
 

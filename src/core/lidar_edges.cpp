@@ -27,12 +27,17 @@ constexpr float kRingGap = 0.8f, kRelativeRingGap = 0.08f;
 // Surfaces that look up more than this end at the horizon of the ground, not at a silhouette.
 constexpr float kMaxUpward = 0.85f;
 // A step of the reflectivity: against 0..1, and against the scatter on both sides.
-constexpr float kReflectivityStep = 0.12f;
-constexpr float kStepToScatter = 4.0f;
+constexpr float kReflectivityStep = 0.08f;
+constexpr float kStepToScatter = 2.0f;
 
-constexpr float kRingWeight = 0.5f;
-constexpr float kFullGap = 2.0f;                  // [m]; smaller steps of the range count less
-constexpr float kFullReflectivity = 1.0f / 3.0f;  // likewise
+constexpr float kFullGap = 2.0f;           // [m]; smaller steps of the range count less
+constexpr float kFullReflectivity = 0.2f;  // likewise
+
+// The gap between two rings is sampled this finely [rad], but by not more than so many places.
+constexpr float kGapSampling = 0.1f * static_cast<float>(kDegree);
+constexpr int kMaxGapSamples = 24;
+// The surface is continued into the gap by at most this share of its distance: normals are rough near edges.
+constexpr float kMaxContinuation = 0.03f;
 
 float azimuthOf(const Eigen::Vector3f& p) { return std::atan2(p.y(), p.x()); }
 float elevationOf(const Eigen::Vector3f& p) { return std::atan2(p.z(), std::hypot(p.x(), p.y())); }
@@ -224,7 +229,14 @@ class EdgeFinder {
       const bool first = range_[a] < range_[b];
       if (!smooth(ring, first ? k : k + 1, first ? -1 : 1, kSmooth)) continue;
       const std::size_t near = first ? a : b, far = first ? b : a;
-      addGap(near, far, cloud_.points[near].z(), 1.0f, EdgePoints::Kind::kAzimuthGap);
+      if (!visible(near)) continue;
+      // The silhouette is half a step further. Not half way to the far point: in a cloud that was moved to
+      // another time the far point stands elsewhere, as seen from the near one.
+      const float turn = std::copysign(0.5f * ring.step, azimuth_[far] - azimuth_[near]);
+      const Eigen::Vector3f& p = cloud_.points[near];
+      const float sine = std::sin(turn), cosine = std::cos(turn);
+      add({cosine * p.x() - sine * p.y(), sine * p.x() + cosine * p.y(), p.z()}, gapWeight(near, far),
+          EdgePoints::Kind::kAzimuthGap);
     }
   }
 
@@ -272,23 +284,41 @@ class EdgeFinder {
       if (range_[far] - range_[near] <= std::max(kRingGap, kRelativeRingGap * range_[near])) continue;
       if (features_.segment[near] == features_.segment[far]) continue;
       if (std::abs(features_.normals[near].z()) >= kMaxUpward) continue;
-      // Half way to where the other ring would meet the nearer surface.
-      const Ring& other = near == a ? upper : lower;
-      const float height =
-          other.height + other.slope * std::hypot(cloud_.points[near].x(), cloud_.points[near].y());
-      addGap(near, far, 0.5f * (cloud_.points[near].z() + height), kRingWeight, EdgePoints::Kind::kRingGap);
+      if (visible(near)) addSilhouetteBetween(near, far, near == a ? upper : lower);
     }
   }
 
-  // The silhouette runs somewhere between the two samples, at the distance of the nearer one.
-  // z: its height [m]
-  void addGap(std::size_t near, std::size_t far, float z, float weight, EdgePoints::Kind kind) {
-    if (!visible(near)) return;
-    Eigen::Vector3f point = cloud_.points[near];
-    const float turn = 0.5f * (azimuth_[far] - azimuth_[near]), sine = std::sin(turn),
-                cosine = std::cos(turn);
-    point << cosine * point.x() - sine * point.y(), sine * point.x() + cosine * point.y(), z;
-    add(point, weight * std::min(1.0f, (range_[far] - range_[near]) / kFullGap), kind);
+  // Somewhere between the near point and the ring that misses its surface the silhouette runs, all places are
+  // as likely: the edge is sampled over the whole gap. Then a border anywhere in the gap pulls to neither side,
+  // where the middle alone would be drawn by the gap's half width, 2.5 px of 64 beams and 12 px of 16.
+  void addSilhouetteBetween(std::size_t near, std::size_t far, const Ring& other) {
+    const Eigen::Vector3f& p = cloud_.points[near];
+    const float from = std::hypot(p.x(), p.y()), to = distanceOnSurface(near, other);
+    const float height = other.height + other.slope * to;
+    const float width = std::abs(std::atan2(height, to) - elevation_[near]);
+    const int samples = std::clamp(static_cast<int>(std::ceil(width / kGapSampling)), 1, kMaxGapSamples);
+    for (int k = 0; k < samples; ++k) {
+      const float share = (static_cast<float>(k) + 0.5f) / static_cast<float>(samples);
+      const float stretch = 1.0f + share * (to / from - 1.0f);
+      add({stretch * p.x(), stretch * p.y(), p.z() + share * (height - p.z())},
+          gapWeight(near, far) / static_cast<float>(samples), EdgePoints::Kind::kRingGap);
+    }
+  }
+
+  // Horizontal distance [m] at which another ring would meet the plane of the surface at a point, above or
+  // below it.
+  float distanceOnSurface(std::size_t near, const Ring& other) const {
+    const Eigen::Vector3f& p = cloud_.points[near];
+    const Eigen::Vector3f& n = features_.normals[near];
+    const float here = std::hypot(p.x(), p.y());
+    const Eigen::Vector3f ray(p.x() / here, p.y() / here, other.slope);
+    const float there = (n.dot(p) - n.z() * other.height) / n.dot(ray);
+    if (!std::isfinite(there)) return here;
+    return std::clamp(there, here * (1.0f - kMaxContinuation), here * (1.0f + kMaxContinuation));
+  }
+
+  float gapWeight(std::size_t near, std::size_t far) const {
+    return std::min(1.0f, (range_[far] - range_[near]) / kFullGap);
   }
 
   void add(const Eigen::Vector3f& point, float weight, EdgePoints::Kind kind) {

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <functional>
 
+#include "projection.hpp"
+
 namespace lidar_camera_recalibration {
 
 double reflectivityConsistency(double sum, double sum_of_squares, double n) {
@@ -52,10 +54,6 @@ struct MaskSums {
   std::uint32_t points, points_with_normal;
 };
 
-/// Share of the image's height by which points must lie inside to be scored (see Objective::evaluator):
-/// candidates near the one that bounds the view then lose no point over the border either.
-constexpr float kViewMargin = 0.06f;
-
 /// What the inner loop reads of a frame: the points to be scored, as structure of arrays.
 struct PreparedFrame {
   FramePtr frame;
@@ -68,47 +66,6 @@ struct PreparedFrame {
 
   std::size_t maskCount() const { return frame->masks.maskCount(); }
   std::size_t classCount() const { return static_cast<std::size_t>(frame->points.segment_count); }
-};
-
-/// Pixels of the ideal image, eq. (2), in float: off by about 1e-3 px, where masks are good to 1 px.
-class Projection {
- public:
-  Projection(const Intrinsics& camera, const Eigen::Isometry3d& T_camera_lidar)
-      : width_(static_cast<float>(camera.width)), height_(static_cast<float>(camera.height)) {
-    Eigen::Matrix3d K;
-    // Half a pixel more than the centre: then truncation rounds to the nearest pixel.
-    K << camera.fx, 0.0, camera.cx + 0.5, 0.0, camera.fy, camera.cy + 0.5, 0.0, 0.0, 1.0;
-    P_ = (K * T_camera_lidar.matrix().topRows<3>()).cast<float>();
-  }
-
-  /// @return false if the point is not in the image
-  bool operator()(float x, float y, float z, std::size_t& u, std::size_t& v) const {
-    float up, vp;
-    if (!project(x, y, z, up, vp) || !(up >= 0.0f && up < width_ && vp >= 0.0f && vp < height_)) return false;
-    u = static_cast<std::size_t>(up);
-    v = static_cast<std::size_t>(vp);
-    return true;
-  }
-
-  /// In the image, and not nearer to its border than `margin` [px].
-  bool wellInside(float x, float y, float z, float margin) const {
-    float u, v;
-    return project(x, y, z, u, v) && u >= margin && u < width_ - margin && v >= margin &&
-           v < height_ - margin;
-  }
-
- private:
-  bool project(float x, float y, float z, float& u, float& v) const {
-    constexpr float kMinDepth = 0.1f;
-    const float depth = P_(2, 0) * x + P_(2, 1) * y + P_(2, 2) * z + P_(2, 3);
-    if (!(depth > kMinDepth)) return false;
-    u = (P_(0, 0) * x + P_(0, 1) * y + P_(0, 2) * z + P_(0, 3)) / depth;
-    v = (P_(1, 0) * x + P_(1, 1) * y + P_(1, 2) * z + P_(1, 3)) / depth;
-    return true;
-  }
-
-  Eigen::Matrix<float, 3, 4> P_;
-  float width_, height_;
 };
 
 class PaperEvaluator : public Evaluator {
@@ -173,7 +130,7 @@ class PaperEvaluator : public Evaluator {
     const Projection project(frame.frame->camera.intrinsics(), T_camera_lidar);
     for (std::size_t i = 0; i < frame.x.size(); ++i) {
       std::size_t u, v;
-      if (!project(frame.x[i], frame.y[i], frame.z[i], u, v)) continue;
+      if (!project.nearest(frame.x[i], frame.y[i], frame.z[i], u, v)) continue;
       const std::size_t set = set_of_pixel[v * stride + u];
       if (set == 0) continue;
       ++score.points;

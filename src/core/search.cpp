@@ -10,7 +10,7 @@ std::unique_ptr<Search> makeSearch(const SearchConfig& config) {
   if (config.search == "paper") return std::make_unique<PaperSearch>(config);
   if (config.search == "coarse_to_fine") return std::make_unique<CoarseToFineSearch>(config);
   throw Error(ErrorCause::kParameter,
-              "search: '" + config.search + "' is unknown; use 'paper' or 'coarse_to_fine'");
+              "search: '" + config.search + "' is unknown; use 'coarse_to_fine' or 'paper'");
 }
 
 }  // namespace lidar_camera_recalibration

@@ -220,10 +220,15 @@ std::vector<Parameter> frameParameters() {
 
 std::vector<Parameter> searchParameters() {
   return {
-      choice("objective", {"paper", "edges"}, "", MEMBER(calibrator.objective.objective), sameWord),
-      choice("search", {"paper", "coarse_to_fine"}, "", MEMBER(calibrator.search.search), sameWord),
+      choice("objective", {"consistency_edges", "paper"}, "", MEMBER(calibrator.objective.objective), sameWord),
+      choice("search", {"coarse_to_fine", "paper"}, "", MEMBER(calibrator.search.search), sameWord),
       number("search_range/rotation_deg", 0.1, 45.0, MEMBER(calibrator.range.rotation_deg)),
       number("search_range/translation_m", 0.0, 5.0, MEMBER(calibrator.range.translation_m)),
+      number("edges/weight_azimuth_gap", 0.0, 1000.0, MEMBER(calibrator.objective.weight_azimuth_gap)),
+      number("edges/weight_ring_gap", 0.0, 1000.0, MEMBER(calibrator.objective.weight_ring_gap)),
+      number("edges/weight_reflectivity_step", 0.0, 1000.0,
+             MEMBER(calibrator.objective.weight_reflectivity_step)),
+      number("edges/weight_region", 0.0, 1000.0, MEMBER(calibrator.objective.weight_region)),
       number("paper/weight_reflectivity", 0.0, 1000.0, MEMBER(calibrator.objective.weight_reflectivity)),
       number("paper/weight_normal", 0.0, 1000.0, MEMBER(calibrator.objective.weight_normal)),
       number("paper/weight_segment", 0.0, 1000.0, MEMBER(calibrator.objective.weight_segment)),
@@ -303,6 +308,15 @@ void checkTogether(const ServerConfig& config) {
     refuse(
         "parameters paper/weight_reflectivity, paper/weight_normal and paper/weight_segment are all 0; at "
         "least one must be positive");
+  }
+  if (objective.weight_azimuth_gap + objective.weight_ring_gap + objective.weight_reflectivity_step <= 0.0) {
+    refuse(
+        "parameters edges/weight_azimuth_gap, edges/weight_ring_gap and edges/weight_reflectivity_step are all "
+        "0; at least one must be positive");
+  }
+  if (objective.objective == "paper" && config.calibrator.search.search == "coarse_to_fine") {
+    refuse("parameter search = \"coarse_to_fine\" needs the edges of objective \"consistency_edges\"; set search "
+           "to \"paper\" as well");
   }
 }
 
@@ -394,6 +408,7 @@ ServerConfig readServerConfig(const ParameterSource& source) {
     }
   }
   checkTogether(config);
+  config.frame.edges = config.calibrator.objective.objective == "consistency_edges";
   return config;
 }
 

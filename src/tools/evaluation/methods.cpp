@@ -17,8 +17,8 @@ struct KnownMethod {
   std::string name, objective, search;
 };
 const std::array<KnownMethod, 2> kMethods = {
-    {{"paper", "paper", "paper"}, {"edges", "edges", "coarse_to_fine"}}};
-const std::string kDefaultMethod = "edges";  ///< of variants
+    {{"paper", "paper", "paper"}, {"consistency_edges", "consistency_edges", "coarse_to_fine"}}};
+const std::string kDefaultMethod = "consistency_edges";  ///< of variants
 
 const KnownMethod* find(const std::string& name) {
   const auto found = std::find_if(kMethods.begin(), kMethods.end(),

@@ -20,6 +20,8 @@ constexpr std::pair<const char*, double Score::*> kFigures[] = {
     {"reflectivity", &Score::reflectivity},
     {"normal", &Score::normal},
     {"segment", &Score::segment},
+    {"edges", &Score::edges},
+    {"region", &Score::region},
 };
 
 constexpr std::array<const char*, 6> kAxes = {"rx", "ry", "rz", "tx", "ty", "tz"};

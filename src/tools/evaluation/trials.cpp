@@ -26,10 +26,10 @@ double cpuSeconds(bool of_all_threads) {
 
 /// Does not compile once FrameConfig gets a member that is not listed here.
 auto asTuple(const FrameConfig& config) {
-  const auto& [features, crop, min_range, max_range, cull, min_points, min_masks] = config;
+  const auto& [features, edges, crop, min_range, max_range, cull, min_points, min_masks] = config;
   const auto& [neighbours, quantile, distance, plane_points, planes, tolerance, slope, cluster_points] =
       features;
-  return std::make_tuple(crop, min_range, max_range, cull, min_points, min_masks, neighbours, quantile,
+  return std::make_tuple(edges, crop, min_range, max_range, cull, min_points, min_masks, neighbours, quantile,
                          distance, plane_points, planes, tolerance, slope, cluster_points);
 }
 
