@@ -67,7 +67,8 @@ class EvaluateTest : public ToolTest {
 TEST_F(EvaluateTest, ManyCellsInOneCall) {
   NEEDS_SIMULATION;
   const std::string command =
-      "evaluate drive --method consistency_edges --method 'paper:paper/refine_evaluations=50,paper/grid_step_deg=2'"
+      "evaluate drive --method consistency_edges --method "
+      "'paper:paper/refine_evaluations=50,paper/grid_step_deg=2'"
       " --frames 1,3 --start E1,'2 0.1' --trials 3";
   const Finished one = call(command + " --threads 1 --csv one.csv --json one.json");
   ASSERT_EQ(one.status, 0) << one.output;
@@ -205,9 +206,10 @@ TEST_F(EvaluateTest, WrongOptionsAreNamed) {
 
 TEST_F(EvaluateTest, EvaluationOfRealFrames) {
   NEEDS_DATA;
-  const Finished run = call("evaluate '" + data().string() +
-                            "' --method consistency_edges --frames 5 --trials 2 --start E1 --frame-set odd --every-ring 2"
-                            " --json real.json");
+  const Finished run =
+      call("evaluate '" + data().string() +
+           "' --method consistency_edges --frames 5 --trials 2 --start E1 --frame-set odd --every-ring 2"
+           " --json real.json");
   ASSERT_EQ(run.status, 0) << run.output;
   const YAML::Node cell = YAML::LoadFile(path("real.json"))["cells"][0];
   EXPECT_LT(cell["rotation_deg"]["median"].as<double>(), 0.5);

@@ -44,7 +44,8 @@ Eigen::Isometry3d someExtrinsic() {
 // --- methods ---
 
 TEST(Methods, AreObjectiveAndSearch) {
-  const ServerConfig paper = parseMethod("paper", {}).config, edges = parseMethod("consistency_edges", {}).config;
+  const ServerConfig paper = parseMethod("paper", {}).config,
+                     edges = parseMethod("consistency_edges", {}).config;
   EXPECT_EQ(paper.calibrator.objective.objective, "paper");
   EXPECT_EQ(paper.calibrator.search.search, "paper");
   EXPECT_EQ(edges.calibrator.search.search, "coarse_to_fine");

@@ -435,6 +435,7 @@ TEST(MakeFrame, SameInputSameFrame) {
 
 TEST(MemoryUse, CountsColumnsAndImages) {
   Input input;
+  input.config.edges = false;
   const FramePtr frame = input.frame();
   // Seven float columns, one of int32, one flag; a BGR image; a 16-bit image of sets.
   const std::size_t least = frame->points.size() * (7 * 4 + 4 + 1) + 640 * 480 * (3 + 2);

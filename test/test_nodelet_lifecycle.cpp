@@ -63,6 +63,8 @@ void setQuickParameters(const std::string& node) {
 TEST(NodeletLifecycle, UnloadsDuringASearch) {
   const std::string node = "/recalibration";
   setQuickParameters(node);
+  ros::param::set(node + "/objective", "paper");
+  ros::param::set(node + "/search", "paper");
   ros::param::set(node + "/paper/refine_evaluations", 1000000);  // minutes
   tf2_ros::StaticTransformBroadcaster broadcaster;
   broadcaster.sendTransform(stampedTransform(wrongGuess().inverse(), "lidar", "camera"));

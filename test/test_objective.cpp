@@ -11,6 +11,12 @@
 namespace lidar_camera_recalibration {
 namespace {
 
+ObjectiveConfig paperConfig() {
+  ObjectiveConfig config;
+  config.objective = "paper";
+  return config;
+}
+
 /// F_N as the paper prints it: the double loop over all pairs.
 double naiveNormalConsistency(const std::vector<Eigen::Vector3f>& normals) {
   double sum = 0.0;
@@ -197,7 +203,7 @@ Eigen::Isometry3d tilt(double angle) {
 
 TEST(PaperObjective, ScoreMatchesTheNaiveImplementation) {
   const std::vector<RandomFrame> frames = {RandomFrame(1), RandomFrame(2)};
-  ObjectiveConfig config;
+  ObjectiveConfig config = paperConfig();
   config.weight_reflectivity = 0.5;
   config.weight_normal = 0.2;
   config.weight_segment = 0.3;
@@ -211,14 +217,14 @@ TEST(PaperObjective, ScoreMatchesTheNaiveImplementation) {
 
 TEST(PaperObjective, WithoutReflectivityItsWeightIsSharedOut) {
   const std::vector<RandomFrame> frames = {RandomFrame(4, false)};
-  const auto evaluator = makeObjective(ObjectiveConfig())->evaluator({frames[0].frame}, {});
+  const auto evaluator = makeObjective(paperConfig())->evaluator({frames[0].frame}, {});
   expectNear((*evaluator)(tilt(0.02)), naiveScore(frames, tilt(0.02), Eigen::Vector3d::Constant(1.0 / 3.0)),
              5e-3);
 }
 
 TEST(PaperObjective, NothingInViewScoresZero) {
   const RandomFrame f(5);
-  const auto evaluator = makeObjective(ObjectiveConfig())->evaluator({f.frame}, {});
+  const auto evaluator = makeObjective(paperConfig())->evaluator({f.frame}, {});
   const Score score = (*evaluator)(Eigen::Isometry3d(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitY())));
   EXPECT_EQ(score.points, 0u);
   EXPECT_EQ(score.total, 0.0);
@@ -253,17 +259,16 @@ TEST(PaperObjective, ScoresOnlyPointsInViewUnderAllGivenExtrinsics) {
   ASSERT_LT(kept.size(), all.size() - 20);
   expected[0].frame = std::make_shared<Frame>(*frames[0].frame);
   expected[0].frame->points = kept;
-  const auto evaluator =
-      makeObjective(ObjectiveConfig())->evaluator({frames[0].frame}, {tilt(0.1), tilt(-0.1)});
+  const auto evaluator = makeObjective(paperConfig())->evaluator({frames[0].frame}, {tilt(0.1), tilt(-0.1)});
   expectNear((*evaluator)(tilt(0.0)), naiveScore(expected, tilt(0.0), Eigen::Vector3d::Constant(1.0 / 3.0)),
              5e-3);
 }
 
 TEST(PaperObjective, BadConfigurationIsNamed) {
-  ObjectiveConfig config;
+  ObjectiveConfig config = paperConfig();
   config.objective = "magic";
   EXPECT_THROW(makeObjective(config), Error);
-  config = ObjectiveConfig();
+  config = paperConfig();
   config.weight_normal = -1.0;
   EXPECT_THROW(makeObjective(config), Error);
   config.weight_reflectivity = config.weight_normal = config.weight_segment = 0.0;

@@ -62,11 +62,10 @@ TEST(RealDrive, TheNodeletComesNearTheReference) {
                           found = tf2::transformToEigen(result.transform);
   EXPECT_NEAR(extrinsicError(start, reference).angle() / kDegree, 2.0, 1e-6);
   EXPECT_NEAR(extrinsicError(start, reference).distance(), 0.1, 1e-6);
-  // The paper's method leaves 0.2 to 0.5 deg here, and some centimetres along directions that this scene
-  // hardly determines (doc/accuracy.md): so the translation by itself proves nothing, but rotation and image
-  // do.
-  EXPECT_LT(extrinsicError(found, reference).angle() / kDegree, 2.0 / 3.0);
-  EXPECT_LT(imageError(found, reference), imageError(start, reference) / 3.0);
+  // The reference of this day is itself some 0.1 deg off (doc/accuracy.md).
+  EXPECT_LT(extrinsicError(found, reference).angle() / kDegree, 0.4);
+  EXPECT_LT(extrinsicError(found, reference).distance(), 0.06);
+  EXPECT_LT(imageError(found, reference), imageError(start, reference) / 4.0);
 
   const geometry_msgs::TransformStamped published =
       tf.lookupTransform("camera_optical_frame_recalibrated", "lidar", ros::Time(0), ros::Duration(10.0));

@@ -9,6 +9,12 @@
 namespace lidar_camera_recalibration {
 namespace {
 
+SearchConfig paperConfig() {
+  SearchConfig config;
+  config.search = "paper";
+  return config;
+}
+
 /// A smooth hill with a known summit: what a search must climb, whatever the frames are.
 class Hill : public Objective {
  public:
@@ -49,7 +55,7 @@ Eigen::Isometry3d summit() {
 }
 
 TEST(PaperSearch, ClimbsToTheSummit) {
-  const auto search = makeSearch(SearchConfig());
+  const auto search = makeSearch(paperConfig());
   const SearchResult result =
       search->run(Hill(summit()), oneFrame(), Eigen::Isometry3d::Identity(), SearchRange(), nullptr);
   const ExtrinsicError error = extrinsicError(result.T_camera_lidar, summit());
@@ -60,7 +66,7 @@ TEST(PaperSearch, ClimbsToTheSummit) {
 }
 
 TEST(PaperSearch, ResultDoesNotDependOnThreadsButOnTheSeed) {
-  SearchConfig config;
+  SearchConfig config = paperConfig();
   config.refine_evaluations = 500;
   std::vector<Eigen::Matrix4d> results;
   for (const int threads : {1, 2, 5}) {
@@ -86,7 +92,7 @@ TEST(PaperSearch, StaysWithinTheTranslationRange) {
   range.rotation_deg = 1.0;
   range.translation_m = 0.1;
   const SearchResult result =
-      makeSearch(SearchConfig())
+      makeSearch(paperConfig())
           ->run(Hill(exp(far)), oneFrame(), Eigen::Isometry3d::Identity(), range, nullptr);
   EXPECT_NEAR(result.T_camera_lidar.translation().x(), 0.1, 1e-9);
 }
@@ -94,7 +100,7 @@ TEST(PaperSearch, StaysWithinTheTranslationRange) {
 TEST(PaperSearch, ReportsProgressAndCanBeCancelled) {
   double last = 0.0;
   int calls = 0;
-  const auto search = makeSearch(SearchConfig());
+  const auto search = makeSearch(paperConfig());
   const SearchResult whole = search->run(Hill(summit()), oneFrame(), Eigen::Isometry3d::Identity(),
                                          SearchRange(), [&](double fraction, double) {
                                            EXPECT_GE(fraction, last);
@@ -112,16 +118,16 @@ TEST(PaperSearch, ReportsProgressAndCanBeCancelled) {
 }
 
 TEST(PaperSearch, BadInputIsNamed) {
-  SearchConfig config;
+  SearchConfig config = paperConfig();
   config.search = "magic";
   EXPECT_THROW(makeSearch(config), Error);
-  config = SearchConfig();
+  config = paperConfig();
   config.threads = 0;
   EXPECT_THROW(makeSearch(config), Error);
-  config = SearchConfig();
+  config = paperConfig();
   config.grid_step_deg = 0.0;
   EXPECT_THROW(makeSearch(config), Error);
-  EXPECT_THROW(makeSearch(SearchConfig())
+  EXPECT_THROW(makeSearch(paperConfig())
                    ->run(Hill(summit()), {}, Eigen::Isometry3d::Identity(), SearchRange(), nullptr),
                Error);
 }

@@ -37,14 +37,14 @@ ServerConfig quickConfig() {
   config.frames_min_interval = 0.5;
   config.frame.features.normal_neighbours = 10;
   config.calibrator.range = {2.0, 0.08};
-  config.calibrator.search.grid_step_deg = 1.0;
-  config.calibrator.search.refine_evaluations = 500;
   return config;
 }
 
 /// A search that takes minutes, to be interrupted.
 ServerConfig slowConfig() {
   ServerConfig config = quickConfig();
+  config.calibrator.objective.objective = "paper";
+  config.calibrator.search.search = "paper";
   config.calibrator.search.refine_evaluations = 1000000;
   return config;
 }

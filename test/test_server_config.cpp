@@ -138,6 +138,10 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
       {"features/cluster_min_points", 5},
       {"search_range/rotation_deg", 2.5},
       {"search_range/translation_m", 0.1},
+      {"edges/weight_azimuth_gap", 2.0},
+      {"edges/weight_ring_gap", 0.7},
+      {"edges/weight_reflectivity_step", 0.6},
+      {"edges/weight_region", 0.0},
       {"paper/weight_reflectivity", 1.0},
       {"paper/weight_normal", 2.0},
       {"paper/weight_segment", 3.0},
@@ -174,6 +178,10 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
   EXPECT_DOUBLE_EQ(0.02, config.frame.features.cluster_tolerance_slope);
   EXPECT_DOUBLE_EQ(2.5, config.calibrator.range.rotation_deg);
   EXPECT_DOUBLE_EQ(0.1, config.calibrator.range.translation_m);
+  EXPECT_DOUBLE_EQ(2.0, config.calibrator.objective.weight_azimuth_gap);
+  EXPECT_DOUBLE_EQ(0.7, config.calibrator.objective.weight_ring_gap);
+  EXPECT_DOUBLE_EQ(0.6, config.calibrator.objective.weight_reflectivity_step);
+  EXPECT_DOUBLE_EQ(0.0, config.calibrator.objective.weight_region);
   EXPECT_DOUBLE_EQ(1.0, config.calibrator.objective.weight_reflectivity);
   EXPECT_DOUBLE_EQ(2.0, config.calibrator.objective.weight_normal);
   EXPECT_DOUBLE_EQ(3.0, config.calibrator.objective.weight_segment);
@@ -237,7 +245,7 @@ TEST(ServerConfig, boundsOfEveryNumber) {
     if (whole && max < 2e9) expectRefused(name, static_cast<int>(max) + 1, {allowed});
     if (!whole) expectRefused(name, max + 1e-6, {allowed});
   }
-  EXPECT_EQ(34, numbers);
+  EXPECT_EQ(38, numbers);
 }
 
 TEST(ServerConfig, whatMustFitTogether) {
@@ -251,6 +259,13 @@ TEST(ServerConfig, whatMustFitTogether) {
   refusal({{"frame/crop_margin_deg", 4.0}, {"search_range/rotation_deg", 5.0}});
   refusal({{"frame/min_range", 50.0}, {"frame/max_range", 40.0}});
   refusal({{"paper/weight_reflectivity", 0}, {"paper/weight_normal", 0}, {"paper/weight_segment", 0.0}});
+  refusal(
+      {{"edges/weight_azimuth_gap", 0}, {"edges/weight_ring_gap", 0}, {"edges/weight_reflectivity_step", 0}});
+  const auto search = refusal({{"objective", "paper"}});
+  EXPECT_NE(std::string::npos, search.find("set search to \"paper\"")) << search;
+  EXPECT_FALSE(readWith({{"objective", "paper"}, {"search", "paper"}}).frame.edges)
+      << "nobody would use them";
+  EXPECT_TRUE(readWith({}).frame.edges);
 }
 
 TEST(ServerConfig, otherModesAreRefusedInWords) {

@@ -17,7 +17,8 @@ class BoundaryField;
 
 struct FrameConfig {
   LidarFeatureConfig features;
-  bool edges = true;  ///< find the LiDAR's edges and the borders of the masks, for objective `consistency_edges`
+  bool edges =
+      true;  ///< find the LiDAR's edges and the borders of the masks, for objective `consistency_edges`
   /// Points that no extrinsic within this angle of the guess brings into the image are dropped [deg].
   double crop_margin_deg = 12.0;
   double min_range = 1.0;    ///< nearer points belong to the vehicle [m]
@@ -39,8 +40,8 @@ struct FramePoints {
   bool hasReflectivity() const { return !reflectivity.empty(); }
 };
 
-/// Places where a camera should see an edge, in the LiDAR frame; what objective `consistency_edges` matches with
-/// the borders of the masks. Empty if the cloud's points cannot be assigned to the LiDAR's rings.
+/// Places where a camera should see an edge, in the LiDAR frame; what objective `consistency_edges` matches
+/// with the borders of the masks. Empty if the cloud's points cannot be assigned to the LiDAR's rings.
 struct EdgePoints {
   static constexpr std::size_t kKinds = 3;
   enum class Kind : std::uint8_t {

@@ -17,16 +17,15 @@ struct Score {
   double normal = 0.0;        ///< F_N
   double segment = 0.0;       ///< F_S
   // Objective `consistency_edges`: means over the edges by their weights, and over the frames.
-  double edges = 0.0;   ///< LiDAR edges on borders of masks; 0 = chance, 1 = all of them
-  double region = 0.0;  ///< normalised mutual information of masks and classes of points, 0..1
-  std::size_t points =
-      0;  ///< points that fell into at least one mask; `consistency_edges`: into the image
+  double edges = 0.0;      ///< LiDAR edges on borders of masks; 0 = chance, 1 = all of them
+  double region = 0.0;     ///< normalised mutual information of masks and classes of points, 0..1
+  std::size_t points = 0;  ///< points that fell into at least one mask; `consistency_edges`: into the image
   std::size_t masks = 0;  ///< masks that received at least one point; `consistency_edges`: of frames with one
 };
 
 struct ObjectiveConfig {
-  /// `consistency_edges`: LiDAR edges on the borders of the masks, and classes of points in masks; `paper`: the
-  /// consistency score of Calib-Anything
+  /// `consistency_edges`: LiDAR edges on the borders of the masks, and classes of points in masks; `paper`:
+  /// the consistency score of Calib-Anything
   std::string objective = "consistency_edges";
 
   // Of `consistency_edges`; 0 leaves a term out.

@@ -8,8 +8,8 @@
 
 namespace lidar_camera_recalibration {
 
-/// Widths of borders [deg], from coarse to fine. Scores are made with the first kScoreLevels of them; the finest
-/// is for the last steps of a fit.
+/// Widths of borders [deg], from coarse to fine. Scores are made with the first kScoreLevels of them; the
+/// finest is for the last steps of a fit.
 constexpr std::array<double, 4> kBoundaryWidths = {0.8, 0.4, 0.2, 0.1};
 constexpr std::size_t kBoundaryLevels = kBoundaryWidths.size(), kScoreLevels = 3;
 
@@ -39,7 +39,7 @@ class BoundaryField {
   /// The borders of one direction.
   struct Channel {
     std::vector<Border> borders;
-    cv::Mat nearest;                              ///< index into `borders` of each pixel, CV_16UC1 or CV_32SC1
+    cv::Mat nearest;  ///< index into `borders` of each pixel, CV_16UC1 or CV_32SC1
     std::array<cv::Mat, kScoreLevels> closeness;  ///< CV_8SC1 [1 / 127], wide ones on smaller images
   };
 

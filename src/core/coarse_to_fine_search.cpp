@@ -22,8 +22,8 @@ constexpr double kCandidateDistance = 0.9 * kDegree;
 constexpr std::size_t kFinalists = 5;
 constexpr std::size_t kCoarseEdges = 4000;  // enough to find the places that deserve a closer look
 
-// Edges come in rows from the same borders, so they are worth fewer independent measurements. From 5 frames on
-// the result does not depend on it from 1 to 5; at 20 the prior pulls single frames to the start.
+// Edges come in rows from the same borders, so they are worth fewer independent measurements. From 5 frames
+// on the result does not depend on it from 1 to 5; at 20 the prior pulls single frames to the start.
 constexpr double kEdgesPerMeasurement = 2.0;
 constexpr double kMinRotationSigma = 0.3 * kDegree, kMinTranslationSigma = 0.03;  // of the prior [rad, m]
 // Weak, so that a scatter of refinements is visible [rad, m].
@@ -149,10 +149,11 @@ std::unique_ptr<ConsistencyEdgesEvaluator> edgeEvaluator(const Objective& object
   evaluator.release();
   std::unique_ptr<ConsistencyEdgesEvaluator> result(edges);
   if (result->edgeCount() == 0) {
-    throw Error(ErrorCause::kNotEnough,
-                "objective 'consistency_edges': no edge was found in the clouds; it needs clouds of a spinning "
-                "LiDAR with a field 'ring', or in the order of the rings; use objective and search 'paper' for "
-                "others");
+    throw Error(
+        ErrorCause::kNotEnough,
+        "objective 'consistency_edges': no edge was found in the clouds; it needs clouds of a spinning "
+        "LiDAR with a field 'ring', or in the order of the rings; use objective and search 'paper' for "
+        "others");
   }
   return result;
 }

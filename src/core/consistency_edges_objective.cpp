@@ -61,7 +61,8 @@ Score ConsistencyEdgesEvaluator::operator()(const Eigen::Isometry3d& T_camera_li
   return score;
 }
 
-double ConsistencyEdgesEvaluator::edgeScore(const Eigen::Isometry3d& T_camera_lidar, std::size_t level) const {
+double ConsistencyEdgesEvaluator::edgeScore(const Eigen::Isometry3d& T_camera_lidar,
+                                            std::size_t level) const {
   double sum = 0.0;
   for (const View& view : views_) {
     const BoundaryField& field = *view.frame->borders;

@@ -18,8 +18,8 @@ struct Linearisation {
   double cost = 0.0;
 };
 
-/// How well the LiDAR's edges lie on the borders of the masks, and masks on classes of points. Nothing changes
-/// after construction: one evaluator serves all threads.
+/// How well the LiDAR's edges lie on the borders of the masks, and masks on classes of points. Nothing
+/// changes after construction: one evaluator serves all threads.
 class ConsistencyEdgesEvaluator : public Evaluator {
  public:
   /// What is scored of a frame, as structure of arrays.
@@ -33,7 +33,8 @@ class ConsistencyEdgesEvaluator : public Evaluator {
     std::size_t size() const { return x.size(); }
   };
 
-  /// The level of Score::edges: fine enough for the optimum to be right, wide enough to tell two places apart.
+  /// The level of Score::edges: fine enough for the optimum to be right, wide enough to tell two places
+  /// apart.
   static constexpr std::size_t kScoreLevel = 2;
 
   ConsistencyEdgesEvaluator(std::vector<View> views, double region_weight);

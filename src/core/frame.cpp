@@ -6,9 +6,9 @@
 #include <opencv2/imgproc.hpp>
 #include <string>
 
+#include "boundary_field.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
-#include "boundary_field.hpp"
 #include "lidar_edges.hpp"
 #include "mask_borders.hpp"
 
@@ -180,8 +180,9 @@ FramePtr makeFrame(double stamp, const Camera& camera, const cv::Mat& image,
   std::shared_ptr<const BoundaryField> borders;
   if (config.edges) {
     edges = findLidarEdges(cropped, features, config.cull_hidden ? visible : std::vector<std::uint8_t>());
-    borders = std::make_shared<const BoundaryField>(maskBorders(masks.setOfPixel(), idealImage(camera, colour)),
-                                                    masks.setOfPixel().size(), camera.intrinsics().fx);
+    borders =
+        std::make_shared<const BoundaryField>(maskBorders(masks.setOfPixel(), idealImage(camera, colour)),
+                                              masks.setOfPixel().size(), camera.intrinsics().fx);
   }
 
   std::vector<std::size_t> chosen;
@@ -191,10 +192,9 @@ FramePtr makeFrame(double stamp, const Camera& camera, const cv::Mat& image,
     chosen.push_back(i);
     chosen_visible.push_back(visible[i]);
   }
-  return std::make_shared<const Frame>(Frame{stamp, camera, std::move(colour), std::move(masks),
-                                             framePoints(cropped, features, chosen),
-                                             std::move(chosen_visible), std::move(edges),
-                                             std::move(borders)});
+  return std::make_shared<const Frame>(
+      Frame{stamp, camera, std::move(colour), std::move(masks), framePoints(cropped, features, chosen),
+            std::move(chosen_visible), std::move(edges), std::move(borders)});
 }
 
 std::size_t memoryUse(const Frame& frame) {

@@ -289,8 +289,8 @@ class EdgeFinder {
   }
 
   // Somewhere between the near point and the ring that misses its surface the silhouette runs, all places are
-  // as likely: the edge is sampled over the whole gap. Then a border anywhere in the gap pulls to neither side,
-  // where the middle alone would be drawn by the gap's half width, 2.5 px of 64 beams and 12 px of 16.
+  // as likely: the edge is sampled over the whole gap. Then a border anywhere in the gap pulls to neither
+  // side, where the middle alone would be drawn by the gap's half width, 2.5 px of 64 beams and 12 px of 16.
   void addSilhouetteBetween(std::size_t near, std::size_t far, const Ring& other) {
     const Eigen::Vector3f& p = cloud_.points[near];
     const float from = std::hypot(p.x(), p.y()), to = distanceOnSurface(near, other);

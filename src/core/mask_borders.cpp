@@ -16,7 +16,7 @@ constexpr float kUprightUpTo = 10.0f, kLevelFrom = 0.5f;
 
 constexpr double kReach = 3.0;  // how far a segmenter's borders are off, at most [px]
 constexpr double kEdgeSigma = 1.0, kEdgeLow = 30.0, kEdgeHigh = 80.0;  // Canny: blur [px], gradients
-constexpr double kPlaceSigma = 1.5;  // blur for the places of edges [px]
+constexpr double kPlaceSigma = 1.5;                                    // blur for the places of edges [px]
 
 // How strongly something changes along u and along v around each pixel.
 struct Changes {
@@ -52,9 +52,9 @@ class PlacesBetweenMasks {
 
   void operator()(Border& border) const {
     constexpr int kHalf = kDirectionWindow / 2;
-    const cv::Rect window = cv::Rect(border.pixel.x - kHalf, border.pixel.y - kHalf, kDirectionWindow,
-                                     kDirectionWindow) &
-                            cv::Rect(0, 0, sets_.cols, sets_.rows);
+    const cv::Rect window =
+        cv::Rect(border.pixel.x - kHalf, border.pixel.y - kHalf, kDirectionWindow, kDirectionWindow) &
+        cv::Rect(0, 0, sets_.cols, sets_.rows);
     const std::uint16_t own = sets_.at<std::uint16_t>(border.pixel);
     cv::Point2f sum[2];
     float count[2] = {};

@@ -7,10 +7,10 @@
 
 namespace lidar_camera_recalibration {
 
-/// What masks and classes of LiDAR points tell about each other: NMI = I(mask; class) / H(mask, class) over the
-/// points in the image, 0 = nothing, 1 = each determines the other. The paper's idea, that points in one mask
-/// agree in their class, counted in both directions: one mask around everything is as useless as a mask for
-/// each point.
+/// What masks and classes of LiDAR points tell about each other: NMI = I(mask; class) / H(mask, class) over
+/// the points in the image, 0 = nothing, 1 = each determines the other. The paper's idea, that points in one
+/// mask agree in their class, counted in both directions: one mask around everything is as useless as a mask
+/// for each point.
 ///
 /// Wide and smooth, but not sharp: it tells good optima of the edges from bad ones.
 /// @param points  of frame.points, to be counted

@@ -58,6 +58,8 @@ CalibrationScore scoreMessage(const std_msgs::Header& image_header, const Score&
   CalibrationScore message;
   message.header = image_header;
   message.score = score.total;
+  message.edges = score.edges;
+  message.region = score.region;
   message.reflectivity = score.reflectivity;
   message.normal = score.normal;
   message.segment = score.segment;
@@ -71,7 +73,8 @@ CalibrationScore refusedMessage(const std_msgs::Header& image_header, const std:
   constexpr double kNothing = std::numeric_limits<double>::quiet_NaN();
   CalibrationScore message;
   message.header = image_header;
-  message.score = message.reflectivity = message.normal = message.segment = message.validity = kNothing;
+  message.score = message.edges = message.region = message.validity = kNothing;
+  message.reflectivity = message.normal = message.segment = kNothing;
   message.reason = reason;
   return message;
 }

@@ -220,7 +220,8 @@ std::vector<Parameter> frameParameters() {
 
 std::vector<Parameter> searchParameters() {
   return {
-      choice("objective", {"consistency_edges", "paper"}, "", MEMBER(calibrator.objective.objective), sameWord),
+      choice("objective", {"consistency_edges", "paper"}, "", MEMBER(calibrator.objective.objective),
+             sameWord),
       choice("search", {"coarse_to_fine", "paper"}, "", MEMBER(calibrator.search.search), sameWord),
       number("search_range/rotation_deg", 0.1, 45.0, MEMBER(calibrator.range.rotation_deg)),
       number("search_range/translation_m", 0.0, 5.0, MEMBER(calibrator.range.translation_m)),
@@ -311,12 +312,15 @@ void checkTogether(const ServerConfig& config) {
   }
   if (objective.weight_azimuth_gap + objective.weight_ring_gap + objective.weight_reflectivity_step <= 0.0) {
     refuse(
-        "parameters edges/weight_azimuth_gap, edges/weight_ring_gap and edges/weight_reflectivity_step are all "
+        "parameters edges/weight_azimuth_gap, edges/weight_ring_gap and edges/weight_reflectivity_step are "
+        "all "
         "0; at least one must be positive");
   }
   if (objective.objective == "paper" && config.calibrator.search.search == "coarse_to_fine") {
-    refuse("parameter search = \"coarse_to_fine\" needs the edges of objective \"consistency_edges\"; set search "
-           "to \"paper\" as well");
+    refuse(
+        "parameter search = \"coarse_to_fine\" needs the edges of objective \"consistency_edges\"; set "
+        "search "
+        "to \"paper\" as well");
   }
 }
 
