@@ -17,9 +17,9 @@ struct GateConfig {
   double min_gain = 0.002;            ///< the score must rise by this much ...
   double min_frame_agreement = 0.65;  ///< ... and on at least this share of the frames
   double min_validity = 0.7;          ///< share of perturbed extrinsics that must score worse than the result
-  double min_distinctness = 4.5;      ///< least distinctness() of the result
+  double min_distinctness = 5.0;      ///< least distinctness() of the result
   // Largest standard deviations of the result on any axis, where there is a covariance.
-  double max_rotation_sigma_deg = 0.2;
+  double max_rotation_sigma_deg = 0.3;
   double max_translation_sigma_m = 0.1;
 };
 
@@ -36,13 +36,14 @@ struct CalibrationOutcome {
   Eigen::Isometry3d T_camera_lidar =
       Eigen::Isometry3d::Identity();  ///< what the search found, accepted or not
   Eigen::Isometry3d start = Eigen::Isometry3d::Identity();
-  /// Covariance of the perturbation xi (see extrinsic.hpp) [rad^2, m^2], from refinements with a part of
-  /// the frames missing (jackknife); nothing below 5 frames. Blind to an error that all frames share.
+  /// Covariance of the perturbation xi (see extrinsic.hpp) [rad^2, m^2], from refinements on parts of
+  /// the frames (jackknife or disjoint groups); nothing below 5 frames. Blind to an error that all frames
+  /// share.
   std::optional<Matrix6d> covariance;
   Score before, after;
-  double validity = 0.0;         ///< share of small perturbations of the result that score worse, 0..1
-  double distinctness = 0.0;     ///< see distinctness()
-  double frame_agreement = 0.0;  ///< share of the frames whose own score rose
+  double validity = 0.0;               ///< share of small perturbations of the result that score worse, 0..1
+  double frame_agreement = 0.0;        ///< share of the frames whose own score rose
+  std::optional<double> distinctness;  ///< see distinctness(); nothing if the objective is not peaked
   std::array<double, 3> pixel_shift = {0.0, 0.0, 0.0};  ///< between start and result at kShiftDistances [px]
   bool accepted = false;
   bool cancelled = false;

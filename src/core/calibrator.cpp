@@ -88,11 +88,11 @@ std::string objection(const CalibrationOutcome& result, const CalibratorConfig& 
         "optimum",
         100.0 * result.validity, 100.0 * gate.min_validity);
   }
-  if (result.distinctness < gate.min_distinctness) {
+  if (result.distinctness && *result.distinctness < gate.min_distinctness) {
     return format(
         "the result stands out by only %.1f standard deviations of the scores around it "
         "(gate/min_distinctness is %.1f): it may be a wrong optimum; take more frames or a better start",
-        result.distinctness, gate.min_distinctness);
+        *result.distinctness, gate.min_distinctness);
   }
   if (!result.covariance) return "";
   const double rotation = largestSigma(*result.covariance, 0) / kDegree,
@@ -204,11 +204,13 @@ CalibrationOutcome calibrate(const Frames& frames, const Eigen::Isometry3d& star
   result.after = (*evaluator)(result.T_camera_lidar);
   if (!result.cancelled) {
     result.validity = validityIndex(*evaluator, result.T_camera_lidar);
-    result.distinctness =
-        distinctness(*objective->evaluator(used, {result.T_camera_lidar}), result.T_camera_lidar);
+    if (objective->isPeaked()) {
+      const std::unique_ptr<Evaluator> around = objective->evaluator(used, {result.T_camera_lidar});
+      result.distinctness = distinctness(*around, result.T_camera_lidar);
+    }
     result.frame_agreement = frameAgreement(*objective, used, start, result.T_camera_lidar);
     const Uncertainty uncertainty =
-        jackknife(*search, *objective, used, result.T_camera_lidar, partOf(progress, kAgreed, 1.0));
+        estimateUncertainty(*search, *objective, used, result.T_camera_lidar, partOf(progress, kAgreed, 1.0));
     result.covariance = uncertainty.covariance;
     result.evaluations += uncertainty.evaluations;
     result.cancelled = uncertainty.cancelled;

@@ -9,45 +9,49 @@ namespace lidar_camera_recalibration {
 namespace {
 
 constexpr std::size_t kMinFrames = 5;
-constexpr std::size_t kMaxGroups = 20;  // bounds the cost; more would hardly make the covariance any better
+// They bound the cost; more would hardly make the covariance any better.
+constexpr std::size_t kMaxJackknifeGroups = 20, kMaxDisjointGroups = 6;
 
-Frames withoutGroup(const Frames& frames, std::size_t group, std::size_t groups) {
-  Frames kept;
+/// The frames of one of so many groups, or all others.
+Frames select(const Frames& frames, std::size_t group, std::size_t groups, bool others) {
+  Frames selected;
   for (std::size_t i = 0; i < frames.size(); ++i) {
-    if (i % groups != group) kept.push_back(frames[i]);
+    if ((i % groups == group) != others) selected.push_back(frames[i]);
   }
-  return kept;
+  return selected;
 }
 
-/// Each deviation misses only one of the groups, so they scatter less than results of different frames: by
-/// the factor (groups - 1)^2, of which one groups - 1 is in the mean.
-Matrix6d jackknifeCovariance(const std::vector<Vector6d>& deviations) {
-  const auto groups = static_cast<double>(deviations.size());
+Matrix6d scatterOf(const std::vector<Vector6d>& deviations) {
   Vector6d mean = Vector6d::Zero();
-  for (const Vector6d& d : deviations) mean += d / groups;
+  for (const Vector6d& d : deviations) mean += d / static_cast<double>(deviations.size());
   Matrix6d scatter = Matrix6d::Zero();
   for (const Vector6d& d : deviations) scatter += (d - mean) * (d - mean).transpose();
-  return (groups - 1.0) / groups * scatter;
+  return scatter;
 }
 
 }  // namespace
 
-Uncertainty jackknife(const Search& search, const Objective& objective, const Frames& frames,
-                      const Eigen::Isometry3d& result, const Progress& progress) {
+Uncertainty estimateUncertainty(const Search& search, const Objective& objective, const Frames& frames,
+                                const Eigen::Isometry3d& result, const Progress& progress) {
   Uncertainty uncertainty;
   if (frames.size() < kMinFrames) return uncertainty;
-  const std::size_t groups = std::min(frames.size(), kMaxGroups);
+  const bool jackknife = search.refinesExactly();
+  const std::size_t groups = std::min(frames.size(), jackknife ? kMaxJackknifeGroups : kMaxDisjointGroups);
+  const auto count = static_cast<double>(groups);
   std::vector<Vector6d> deviations;
   for (std::size_t g = 0; g < groups; ++g) {
-    const double begin = double(g) / double(groups), end = double(g + 1) / double(groups);
-    const SearchResult refined =
-        search.refine(objective, withoutGroup(frames, g, groups), result, partOf(progress, begin, end));
+    const auto done = static_cast<double>(g);
+    const SearchResult refined = search.refine(objective, select(frames, g, groups, jackknife), result,
+                                               partOf(progress, done / count, (done + 1.0) / count));
     uncertainty.evaluations += refined.evaluations;
     uncertainty.cancelled = refined.cancelled;
     if (refined.cancelled) return uncertainty;
     deviations.push_back(log(refined.T_camera_lidar * result.inverse()));
   }
-  uncertainty.covariance = jackknifeCovariance(deviations);
+  // Results with one group missing share almost all frames and scatter little; those of single groups scatter
+  // more than the mean of all.
+  const double factor = jackknife ? (count - 1.0) / count : 1.0 / ((count - 1.0) * count);
+  uncertainty.covariance = factor * scatterOf(deviations);
   return uncertainty;
 }
 

@@ -16,11 +16,14 @@ struct Uncertainty {
   bool cancelled = false;
 };
 
-/// How far the result would move with other frames of the same kind: it is refined again and again with one
-/// frame missing (delete-one jackknife), with many frames one group of them. Blind to an error that all
-/// frames share. No covariance below 5 frames, where it was measured to be several times too small.
+/// How far the result would move with other frames of the same kind. Blind to an error that all frames share.
+/// No covariance below 5 frames, where it was measured to be several times too small.
+///
+/// With a search that refines exactly: delete-one jackknife, the result is refined again and again with one
+/// frame missing; with more than 20 frames one of 20 groups. It would multiply the scatter of a random
+/// search, and cost more than the search itself: there the scatter of refinements on up to 6 disjoint groups.
 /// @param result  found on these frames
-Uncertainty jackknife(const Search& search, const Objective& objective, const Frames& frames,
-                      const Eigen::Isometry3d& result, const Progress& progress);
+Uncertainty estimateUncertainty(const Search& search, const Objective& objective, const Frames& frames,
+                                const Eigen::Isometry3d& result, const Progress& progress);
 
 }  // namespace lidar_camera_recalibration

@@ -53,7 +53,7 @@ CalibrationResult toMessage(const CalibrationOutcome& outcome, const FrameIds& f
   message.evaluations = static_cast<std::uint32_t>(outcome.evaluations);
   message.duration = outcome.duration;
   message.validity = outcome.validity;
-  message.distinctness = outcome.distinctness;
+  message.distinctness = outcome.distinctness.value_or(-1.0);
   message.frame_agreement = outcome.frame_agreement;
   std::copy(outcome.pixel_shift.begin(), outcome.pixel_shift.end(), message.pixel_shift.begin());
   return message;

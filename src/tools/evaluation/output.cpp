@@ -120,7 +120,7 @@ std::vector<Column> makeColumns() {
       ofRuns("score_before", [](const Run& run) { return run.outcome.before.total; }),
       ofRuns("score_after", [](const Run& run) { return run.outcome.after.total; }),
       ofRuns("validity", [](const Run& run) { return run.outcome.validity; }),
-      ofRuns("distinctness", [](const Run& run) { return run.outcome.distinctness; }),
+      ofRuns("distinctness", [](const Run& run) { return run.outcome.distinctness.value_or(-1.0); }),
       ofRuns("frame_agreement", [](const Run& run) { return run.outcome.frame_agreement; }),
       ofRuns("left_out", [](const Run& run) { return double(run.outcome.left_out.size()); }),
       ofRuns("contradicting", [](const Run& run) { return double(run.outcome.contradicting); })};
