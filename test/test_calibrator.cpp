@@ -36,7 +36,7 @@ CalibratorConfig quickConfig() {
 
 TEST(Calibrator, FindsTheExtrinsicOfAnExactScene) {
   const Eigen::Isometry3d start = perturbed(2.5, 0.1);
-  const CalibrationOutcome result = calibrate(makeFrames(4, start), start, quickConfig());
+  const CalibrationOutcome result = calibrate(makeFrames(5, start), start, quickConfig());
   const ExtrinsicError before = extrinsicError(start, SyntheticScene::T_camera_lidar());
   const ExtrinsicError after = extrinsicError(result.T_camera_lidar, SyntheticScene::T_camera_lidar());
   EXPECT_TRUE(result.accepted) << result.reason;
@@ -44,7 +44,7 @@ TEST(Calibrator, FindsTheExtrinsicOfAnExactScene) {
   EXPECT_LT(after.distance(), before.distance());
   EXPECT_GT(result.after.total, result.before.total);
   EXPECT_GT(result.validity, 0.8);
-  EXPECT_EQ(result.frames, 4u);
+  EXPECT_EQ(result.frames, 5u);
   EXPECT_GT(result.pixel_shift[0], 5.0);
   ASSERT_TRUE(result.covariance.has_value());
   EXPECT_TRUE((result.covariance->diagonal().array() > 0.0).all());

@@ -238,6 +238,28 @@ TEST(Figures, SuccessNeedsBoth) {
   EXPECT_NEAR(figuresOf(cell).success, 1.0 / 3, 1e-12);
 }
 
+TEST(Figures, NormalisedErrorsNeedCovariances) {
+  Cell cell = someCell();
+  EXPECT_FALSE(figuresOf(cell).normalised_error);
+  cell.trials = {trialOf(0.4, 0.0, true, 1, 1), trialOf(-0.2, 0.0, true, 1, 1),
+                 trialOf(9.0, 0.0, true, 1, 1)};
+  for (const std::size_t i : {0, 1}) {
+    Matrix6d covariance = Matrix6d::Identity();
+    covariance(0, 0) = 0.04 * kDegree * kDegree;
+    cell.trials[i].runs[0].outcome.covariance = covariance;
+  }
+  cell.trials[0].runs[0].outcome.left_out = {2, 5, 6};
+  CellFigures figures = figuresOf(cell);
+  ASSERT_TRUE(figures.normalised_error);
+  EXPECT_NEAR((*figures.normalised_error)[0], std::sqrt((4.0 + 1.0) / 2.0), 1e-9);
+  EXPECT_NEAR(figures.left_out, 1.0, 1e-12);
+  // Of two runs the variances add up, and one without makes the sum unknown.
+  cell.trials[0].runs.push_back(cell.trials[0].runs[0]);
+  cell.trials[1].runs.push_back(cell.trials[2].runs[0]);
+  figures = figuresOf(cell);
+  EXPECT_NEAR((*figures.normalised_error)[0], std::sqrt(4.0 / 2.0), 1e-9);
+}
+
 TEST(Output, CsvHasALineForEachTrial) {
   const std::string csv = toCsv({someCell()});
   EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 4);

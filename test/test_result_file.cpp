@@ -64,6 +64,7 @@ lcr::StoredCalibration example() {
   c.accepted = false;
   c.reason = "score: rose on 3 of 10 frames # only";
   c.frames = 10;
+  c.frames_left_out = 2;
   c.stamp = 1317617735.123456789;
   c.source = "/rigs/a \"quoted\"/drive one.bag\nsecond line: ä";
   return c;
@@ -110,6 +111,7 @@ TEST_F(ResultFile, RoundTrip) {
   EXPECT_EQ(back.accepted, c.accepted);
   EXPECT_EQ(back.reason, c.reason);
   EXPECT_EQ(back.frames, c.frames);
+  EXPECT_EQ(back.frames_left_out, c.frames_left_out);
   EXPECT_EQ(back.stamp, c.stamp);
   EXPECT_EQ(back.source, c.source);
 }

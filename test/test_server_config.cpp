@@ -152,6 +152,9 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
       {"gate/min_gain", 0.01},
       {"gate/min_frame_agreement", 0.9},
       {"gate/min_validity", 0.8},
+      {"gate/min_distinctness", 6.0},
+      {"gate/max_rotation_sigma_deg", 0.4},
+      {"gate/max_translation_sigma_m", 0.3},
       {"service_timeout", 12.0},
       {"tf/publish", false},
       {"tf/child_frame", "cam2"},
@@ -188,6 +191,9 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
   EXPECT_EQ(42u, config.calibrator.search.seed);
   EXPECT_DOUBLE_EQ(0.9, config.calibrator.gate.min_frame_agreement);
   EXPECT_DOUBLE_EQ(0.8, config.calibrator.gate.min_validity);
+  EXPECT_DOUBLE_EQ(6.0, config.calibrator.gate.min_distinctness);
+  EXPECT_DOUBLE_EQ(0.4, config.calibrator.gate.max_rotation_sigma_deg);
+  EXPECT_DOUBLE_EQ(0.3, config.calibrator.gate.max_translation_sigma_m);
   EXPECT_EQ("base", config.tf_correct_parent);
   EXPECT_EQ("mount", config.tf_correct_child);
   EXPECT_EQ(OverlayColor::kMask, config.overlay_color);
@@ -245,7 +251,7 @@ TEST(ServerConfig, boundsOfEveryNumber) {
     if (whole && max < 2e9) expectRefused(name, static_cast<int>(max) + 1, {allowed});
     if (!whole) expectRefused(name, max + 1e-6, {allowed});
   }
-  EXPECT_EQ(38, numbers);
+  EXPECT_EQ(41, numbers);
 }
 
 TEST(ServerConfig, whatMustFitTogether) {

@@ -61,6 +61,10 @@ class Objective {
   ///   are means, so without this a candidate could raise its score by moving easy points, road above all,
   ///   into the image instead of bringing points and masks together.
   virtual std::unique_ptr<Evaluator> evaluator(const Frames& frames, const Views& in_view) const = 0;
+
+  /// Whether scores some degrees beside the optimum are chance, ups and downs around one level, so that one
+  /// can tell whether an optimum stands out from them. Otherwise the score rises over many degrees.
+  virtual bool isPeaked() const { return true; }
 };
 
 /// @throw Error(kParameter) for an unknown objective or weights that are negative or all zero.

@@ -17,9 +17,10 @@ struct StoredCalibration {
   double score_before = 0.0, score_after = 0.0;
   bool accepted = true;
   std::string reason;
-  std::size_t frames = 0;
-  double stamp = 0.0;  ///< when it was calibrated: stamp of the newest frame [s]
-  std::string source;  ///< provenance: node name or bag files
+  std::size_t frames = 0;           ///< used
+  std::size_t frames_left_out = 0;  ///< that contradicted the others
+  double stamp = 0.0;               ///< when it was calibrated: stamp of the newest frame [s]
+  std::string source;               ///< provenance: node name or bag files
 };
 
 /// YAML text: the 4x4, quaternion, xyz/rpy, a ready static_transform_publisher line, a URDF <origin>,

@@ -44,6 +44,9 @@ class Search {
   /// scatters.
   virtual SearchResult refine(const Objective& objective, const Frames& frames,
                               const Eigen::Isometry3d& start, const Progress& progress) const = 0;
+  /// Whether refine ends at the optimum itself, so that a frame more or less moves its result as it moves the
+  /// optimum. A random search only comes near.
+  virtual bool refinesExactly() const { return true; }
 };
 
 /// @throw Error(kParameter) for an unknown search or numbers out of range.

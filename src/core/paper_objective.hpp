@@ -44,6 +44,7 @@ class PaperObjective : public Objective {
   /// @throw Error(kParameter) for weights that are negative or all zero
   explicit PaperObjective(const ObjectiveConfig& config);
   std::unique_ptr<Evaluator> evaluator(const Frames& frames, const Views& in_view) const override;
+  bool isPeaked() const override { return false; }
 
  private:
   ObjectiveConfig config_;

@@ -15,6 +15,7 @@ class PaperSearch : public Search {
                    const SearchRange& range, const Progress& progress) const override;
   SearchResult refine(const Objective& objective, const Frames& frames, const Eigen::Isometry3d& start,
                       const Progress& progress) const override;
+  bool refinesExactly() const override { return false; }
 
  private:
   SearchConfig config_;

@@ -174,6 +174,14 @@ void readOptional(const YAML::Node& root, const char* key, Value& value) {
   }
 }
 
+/// 0 where it is missing, as in files of older versions.
+std::size_t readCount(const YAML::Node& root, const char* key) {
+  std::int64_t count = 0;
+  readOptional(root, key, count);
+  if (count < 0) throw std::runtime_error(std::string(key) + " is negative");
+  return static_cast<std::size_t>(count);
+}
+
 Eigen::Isometry3d readExtrinsic(const YAML::Node& root) {
   for (const char* key : {"T_camera_lidar", "T_lidar_to_cam"}) {
     if (root[key]) return isometryFromMatrix(readSquare<4>(key, root[key]));
@@ -199,10 +207,8 @@ StoredCalibration parse(const std::string& text) {
   readOptional(root, "reason", c.reason);
   readOptional(root, "stamp", c.stamp);
   readOptional(root, "source", c.source);
-  std::int64_t frames = 0;
-  readOptional(root, "frames", frames);
-  if (frames < 0) throw std::runtime_error("frames is negative");
-  c.frames = static_cast<std::size_t>(frames);
+  c.frames = readCount(root, "frames");
+  c.frames_left_out = readCount(root, "frames_left_out");
   return c;
 }
 
@@ -248,6 +254,7 @@ std::string toYaml(const StoredCalibration& c) {
   out << YAML::Key << "accepted" << YAML::Value << c.accepted;
   out << YAML::Key << "reason" << YAML::Value << c.reason;
   out << YAML::Key << "frames" << YAML::Value << std::to_string(c.frames);
+  out << YAML::Key << "frames_left_out" << YAML::Value << std::to_string(c.frames_left_out);
   out << YAML::Key << "stamp" << YAML::Value << number(c.stamp);
   out << YAML::Key << "source" << YAML::Value << c.source;
   out << YAML::Key << "package_version" << YAML::Value << PACKAGE_VERSION;

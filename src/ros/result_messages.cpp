@@ -46,9 +46,14 @@ CalibrationResult toMessage(const CalibrationOutcome& outcome, const FrameIds& f
   message.cancelled = outcome.cancelled;
   message.reason = outcome.reason;
   message.frames = static_cast<std::uint32_t>(outcome.frames);
+  message.frames_left_out = static_cast<std::uint32_t>(outcome.left_out.size());
+  for (const double left_out : outcome.left_out_stamps) {
+    message.stamps_left_out.push_back(ros::Time(left_out));
+  }
   message.evaluations = static_cast<std::uint32_t>(outcome.evaluations);
   message.duration = outcome.duration;
   message.validity = outcome.validity;
+  message.distinctness = outcome.distinctness.value_or(-1.0);
   message.frame_agreement = outcome.frame_agreement;
   std::copy(outcome.pixel_shift.begin(), outcome.pixel_shift.end(), message.pixel_shift.begin());
   return message;

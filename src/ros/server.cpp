@@ -395,6 +395,7 @@ std::string RecalibrationServer::Impl::applyAccepted(const CalibrationOutcome& o
   calibration.accepted = true;
   calibration.reason = outcome.reason;
   calibration.frames = outcome.frames;
+  calibration.frames_left_out = outcome.left_out.size();
   calibration.stamp = search_stamp_.toSec();
   calibration.source = name_;
   pipeline_.setComparison(outcome.start);

@@ -240,6 +240,9 @@ std::vector<Parameter> searchParameters() {
       number("gate/min_gain", 0.0, 1.0, MEMBER(calibrator.gate.min_gain)),
       number("gate/min_frame_agreement", 0.0, 1.0, MEMBER(calibrator.gate.min_frame_agreement)),
       number("gate/min_validity", 0.0, 1.0, MEMBER(calibrator.gate.min_validity)),
+      number("gate/min_distinctness", 0.0, 100.0, MEMBER(calibrator.gate.min_distinctness)),
+      number("gate/max_rotation_sigma_deg", 0.0, 10.0, MEMBER(calibrator.gate.max_rotation_sigma_deg)),
+      number("gate/max_translation_sigma_m", 0.0, 10.0, MEMBER(calibrator.gate.max_translation_sigma_m)),
       number("service_timeout", 0.1, 86400.0, MEMBER(service_timeout)),
   };
 }

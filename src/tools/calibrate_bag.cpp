@@ -222,6 +222,7 @@ StoredCalibration stored(const CalibrationResult& result, const Options& options
   calibration.accepted = result.accepted;
   calibration.reason = result.reason;
   calibration.frames = result.frames;
+  calibration.frames_left_out = result.frames_left_out;
   calibration.stamp = result.header.stamp.toSec();
   for (const std::string& bag : options.bags)
     calibration.source += (calibration.source.empty() ? "" : " ") + bag;
@@ -235,12 +236,28 @@ void printError(const char* label, const ExtrinsicError& error) {
               translation.x(), translation.y(), translation.z());
 }
 
+void printSigmas(const CalibrationResult& result) {
+  if (result.covariance[0] < 0.0) {
+    std::printf("standard deviation: not known, fewer than 5 frames\n");
+    return;
+  }
+  const auto sigma = [&](std::size_t axis) { return std::sqrt(result.covariance[7 * axis]); };
+  std::printf("standard deviation rx ry rz %.3f %.3f %.3f deg, tx ty tz %.1f %.1f %.1f cm\n",
+              sigma(0) / kDegree, sigma(1) / kDegree, sigma(2) / kDegree, 100.0 * sigma(3), 100.0 * sigma(4),
+              100.0 * sigma(5));
+}
+
 void print(const CalibrationResult& result, const std::optional<Eigen::Isometry3d>& reference) {
   const std::string verdict = result.accepted ? "accepted" : "rejected";
   const bool said = result.reason.rfind(verdict, 0) == 0;
   std::printf("%s\n", said ? result.reason.c_str() : (verdict + ": " + result.reason).c_str());
   std::printf("score %.4f -> %.4f, validity %.2f, better on %.0f %% of %u frames\n", result.score_before,
               result.score_after, result.validity, 100.0 * result.frame_agreement, result.frames);
+  if (result.frames_left_out > 0) {
+    std::printf("%u of %u frames left out because they contradict the others\n", result.frames_left_out,
+                result.frames + result.frames_left_out);
+  }
+  printSigmas(result);
   std::printf("image shift at 10, 20, 40 m: %.1f, %.1f, %.1f px; %u extrinsics scored in %.1f s\n",
               result.pixel_shift[0], result.pixel_shift[1], result.pixel_shift[2], result.evaluations,
               result.duration);
@@ -260,10 +277,12 @@ std::string toJson(const CalibrationResult& result, const std::optional<Eigen::I
   put("accepted", result.accepted != 0);
   put("reason", result.reason);
   put("frames", result.frames);
+  put("frames_left_out", result.frames_left_out);
   put("evaluations", result.evaluations);
   put("score_before", result.score_before);
   put("score_after", result.score_after);
   put("validity", result.validity);
+  put("distinctness", result.distinctness);
   put("frame_agreement", result.frame_agreement);
   put("pixel_shift", std::vector<double>(result.pixel_shift.begin(), result.pixel_shift.end()));
   const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> matrix = isometry(result.transform).matrix();

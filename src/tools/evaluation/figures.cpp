@@ -46,6 +46,33 @@ ErrorFigures errorFigures(const Cell& cell, Eigen::Vector3d ExtrinsicError::*par
   return figures;
 }
 
+/// Diagonal of the covariance of a trial's error: of its run, or the sum of both. Nothing if one has none.
+std::optional<Vector6d> variances(const Trial& trial) {
+  Vector6d sum = Vector6d::Zero();
+  for (const Run& run : trial.runs) {
+    if (!run.outcome.covariance) return std::nullopt;
+    sum += run.outcome.covariance->diagonal();
+  }
+  return sum;
+}
+
+std::optional<std::array<double, 6>> normalisedError(const Cell& cell) {
+  Vector6d sum = Vector6d::Zero();
+  int count = 0;
+  for (const Trial& trial : cell.trials) {
+    const std::optional<Vector6d> variance = variances(trial);
+    if (!variance) continue;
+    Vector6d error;
+    error << trial.result.rotation, trial.result.translation;
+    sum += error.cwiseAbs2().cwiseQuotient(*variance);
+    ++count;
+  }
+  if (count == 0) return std::nullopt;
+  std::array<double, 6> figures{};
+  for (std::size_t i = 0; i < 6; ++i) figures[i] = std::sqrt(sum[static_cast<Eigen::Index>(i)] / count);
+  return figures;
+}
+
 bool succeeded(const Trial& trial) {
   return trial.result.angle() < kSuccessRotation * kDegree && trial.result.distance() < kSuccessTranslation;
 }
@@ -66,6 +93,8 @@ CellFigures figuresOf(const Cell& cell) {
   figures.spoilt = mean(collect(cell, [](const Trial& trial) {
     return double(accepted(trial) && trial.result_shift > trial.start_shift);
   }));
+  figures.normalised_error = normalisedError(cell);
+  figures.left_out = runMean(cell, [](const Run& run) { return double(run.outcome.left_out.size()); });
   figures.evaluations = runMean(cell, [](const Run& run) { return double(run.outcome.evaluations); });
   figures.preparation_seconds = runMean(cell, [](const Run& run) { return run.preparation_seconds; });
   figures.cpu_seconds =

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 
 #include "evaluation/trials.hpp"
 
@@ -25,7 +26,12 @@ struct CellFigures {
   double success = 0.0;                ///< share of the trials below both limits
   double accepted = 0.0;               ///< share of the trials, all runs of which the gate accepted
   double spoilt = 0.0;                 ///< share: accepted, and a larger shift in the image than at the start
-  double evaluations = 0.0;            ///< extrinsics scored in a run
+  /// Root of the mean square of error / standard deviation, rx ry rz tx ty tz: 1 if the covariance is right.
+  /// With Plan::halves the difference of both results against the sum of both covariances. Of the trials that
+  /// have them.
+  std::optional<std::array<double, 6>> normalised_error;
+  double left_out = 0.0;     ///< frames of a run that contradict the others
+  double evaluations = 0.0;  ///< extrinsics scored in a run
   double cpu_seconds = 0.0,
          preparation_seconds = 0.0;  ///< of a run, preparation included; of the preparation alone
   std::size_t refused = 0;           ///< frames, in all trials

@@ -120,7 +120,10 @@ std::vector<Column> makeColumns() {
       ofRuns("score_before", [](const Run& run) { return run.outcome.before.total; }),
       ofRuns("score_after", [](const Run& run) { return run.outcome.after.total; }),
       ofRuns("validity", [](const Run& run) { return run.outcome.validity; }),
-      ofRuns("frame_agreement", [](const Run& run) { return run.outcome.frame_agreement; })};
+      ofRuns("distinctness", [](const Run& run) { return run.outcome.distinctness.value_or(-1.0); }),
+      ofRuns("frame_agreement", [](const Run& run) { return run.outcome.frame_agreement; }),
+      ofRuns("left_out", [](const Run& run) { return double(run.outcome.left_out.size()); }),
+      ofRuns("contradicting", [](const Run& run) { return double(run.outcome.contradicting); })};
   columns.insert(columns.end(), others.begin(), others.end());
   addSigmaColumns(columns);
   columns.push_back(ofRuns("evaluations", [](const Run& run) { return double(run.outcome.evaluations); }));
@@ -152,6 +155,18 @@ void emitErrors(YAML::Emitter& out, const char* key, const ErrorFigures& figures
   out << YAML::EndMap;
 }
 
+/// Null where no trial has a covariance.
+void emitNormalisedErrors(YAML::Emitter& out, const CellFigures& figures) {
+  out << YAML::Key << "normalised_error_rms" << YAML::Value;
+  if (!figures.normalised_error) {
+    out << YAML::Null;
+    return;
+  }
+  out << YAML::BeginSeq;
+  for (const double value : *figures.normalised_error) out << value;
+  out << YAML::EndSeq;
+}
+
 void emitCell(YAML::Emitter& out, const Cell& cell) {
   const CellFigures figures = figuresOf(cell);
   out << YAML::BeginMap;
@@ -167,8 +182,10 @@ void emitCell(YAML::Emitter& out, const Cell& cell) {
       {"evaluations_per_run", figures.evaluations},
       {"cpu_seconds_per_run", figures.cpu_seconds},
       {"cpu_seconds_preparation", figures.preparation_seconds},
+      {"left_out_per_run", figures.left_out},
       {"frames_refused", double(figures.refused)}};
   for (const auto& [name, value] : values) out << YAML::Key << name << YAML::Value << value;
+  emitNormalisedErrors(out, figures);
   out << YAML::EndMap;
 }
 
@@ -211,6 +228,12 @@ void printRow(const Cell& cell) {
   printErrors(figures.translation, 100.0, 2);
   std::printf(" | %5.1f %% %6.1f %% %4.0f %% %6.0f %7.2f\n", 100.0 * figures.success,
               100.0 * figures.accepted, 100.0 * figures.spoilt, figures.evaluations, figures.cpu_seconds);
+  if (figures.normalised_error) {
+    std::printf("%-20s rms of error / standard deviation, rx ry rz tx ty tz:", "");
+    for (const double value : *figures.normalised_error) std::printf(" %.2f", value);
+    std::printf("\n");
+  }
+  if (figures.left_out > 0.0) std::printf("%-20s frames left out in a run: %.2f\n", "", figures.left_out);
   if (figures.refused > 0) std::printf("%-20s frames refused: %zu\n", "", figures.refused);
   std::fflush(stdout);
 }
