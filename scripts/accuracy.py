@@ -47,7 +47,7 @@ TERMS = {
 }
 
 STARTS = ['E1', 'E2', 'E3']
-BASIN = [2, 4, 6, 8, 10, 12]  # [deg]
+BASIN = [3, 6, 9, 12]  # [deg]
 BEAMS = [64, 32, 16]
 SIMULATION = ['--frames', '25', '--rate', '0.05', '--seed', '11']  # 25 frames along 3.8 km of street
 AXES = {'rx': 'pitch (about x)', 'ry': 'yaw (about y)', 'rz': 'roll (about z)',
@@ -241,7 +241,7 @@ def kitti_method(bench, start):
 
 
 def kitti_paper(bench, start):
-    return bench.run('kitti_00_odd-{}-{}'.format(PAPER, start), bench.real('kitti_00'), [PAPER], 4,
+    return bench.run('kitti_00_odd-{}-{}'.format(PAPER, start), bench.real('kitti_00'), [PAPER], 3,
                      frames=[1, 3, 5, 10], starts=[start], extra=ODD)
 
 
@@ -309,16 +309,40 @@ def halves_section(bench):
     return '\n'.join(lines + [note(*results)])
 
 
+def ablation(bench):
+    return bench.run('ablation-{}'.format(METHOD), bench.real('kitti_00'), ABLATION, 8, frames=[5], starts=['E2'],
+                     extra=ODD)
+
+
 def ablation_section(bench):
-    result = bench.run('ablation-{}'.format(METHOD), bench.real('kitti_00'), ABLATION, 8, frames=[5], starts=['E2'],
-                       extra=ODD)
+    result = ablation(bench)
     return table([result[method, 5, 'E2'] for method in ABLATION], result)
+
+
+def offset_section(bench):
+    """Signed means: what all trials have in common is no scatter."""
+    odd, drive, few = kitti_method(bench, 'E1'), simulation(bench, 64), simulation(bench, 16)
+    even = bench.run('kitti_00_even-{}'.format(METHOD), bench.real('kitti_00'), [METHOD], 8, frames=[10], starts=['E1'],
+                     extra=('--frame-set', 'even'))
+    parts = ablation(bench)
+    other_day = other_sensor(bench, 'kitti_0926')
+    rows = [('kitti_00, odd frames', odd[METHOD, 10, 'E1']), ('kitti_00, even frames', even[METHOD, 10, 'E1']),
+            ('kitti_00, odd frames', parts[METHOD, 5, 'E2'])]
+    rows += [('kitti_00, odd frames, ' + name_of(variant), parts[variant, 5, 'E2'])
+             for variant in ABLATION[1:4] + ABLATION[5:6]]
+    rows += [('kitti_0926', other_day[METHOD, 'all', 'E1']),
+             ('simulated drive, 64 beams', drive[METHOD, 10, 'E3']), ('simulated drive, 16 beams', few[METHOD, 10, 'E3'])]
+    lines = ['| data | frames | about x, y, z [deg] | along x, y, z [cm] |', 4 * '|---' + '|']
+    lines += ['| {} | {} | {} | {} |'.format(
+        label, cell['frames'], ', '.join('{:+.3f}'.format(value) for value in cell['rotation_deg']['axis_mean']),
+        ', '.join('{:+.1f}'.format(100 * value) for value in cell['translation_m']['axis_mean'])) for label, cell in rows]
+    return '\n'.join(lines + [note(odd, even, parts, other_day, drive, few)])
 
 
 def basin_section(bench):
     counts, turns = [1, 5], ('rx', 'ry', 'rz')
     results = collections.OrderedDict((axis, bench.run(
-        'basin-{}-{}'.format(METHOD, axis), bench.real('kitti_00'), [METHOD], 5, frames=counts,
+        'basin-{}-{}'.format(METHOD, axis), bench.real('kitti_00'), [METHOD], 4, frames=counts,
         starts=['{}={}'.format(axis, degrees) for degrees in BASIN], extra=ODD)) for axis in turns)
     rates = {frames: {axis: [100 * results[axis][METHOD, frames, '{}={}'.format(axis, degrees)]['success_rate']
                              for degrees in BASIN] for axis in turns} for frames in counts}
@@ -539,7 +563,8 @@ def plot_slices(rows, path):
 
 SECTIONS = collections.OrderedDict([
     ('bars', bars_section), ('methods', methods_section), ('frames', frames_section), ('beams', beams_section),
-    ('rings', rings_section), ('halves', halves_section), ('ablation', ablation_section), ('basin', basin_section),
+    ('rings', rings_section), ('halves', halves_section), ('ablation', ablation_section),
+    ('offset', offset_section), ('basin', basin_section),
     ('slices', slices_section), ('others', others_section)])
 
 

@@ -17,7 +17,7 @@ struct GateConfig {
   double min_gain = 0.002;            ///< the score must rise by this much ...
   double min_frame_agreement = 0.65;  ///< ... and on at least this share of the frames
   double min_validity = 0.7;          ///< share of perturbed extrinsics that must score worse than the result
-  double min_distinctness = 5.0;      ///< least distinctness() of the result
+  double min_distinctness = 4.0;      ///< least distinctness() of the result
   // Largest standard deviations of the result on any axis, where there is a covariance.
   double max_rotation_sigma_deg = 0.3;
   double max_translation_sigma_m = 0.1;
