@@ -155,14 +155,10 @@ void emitErrors(YAML::Emitter& out, const char* key, const ErrorFigures& figures
   out << YAML::EndMap;
 }
 
-/// Null where no trial has a covariance.
+/// Left out where no trial has a covariance: yaml-cpp's null is no JSON.
 void emitNormalisedErrors(YAML::Emitter& out, const CellFigures& figures) {
-  out << YAML::Key << "normalised_error_rms" << YAML::Value;
-  if (!figures.normalised_error) {
-    out << YAML::Null;
-    return;
-  }
-  out << YAML::BeginSeq;
+  if (!figures.normalised_error) return;
+  out << YAML::Key << "normalised_error_rms" << YAML::Value << YAML::BeginSeq;
   for (const double value : *figures.normalised_error) out << value;
   out << YAML::EndSeq;
 }
