@@ -114,7 +114,7 @@ class Bench:
             unfinished = self.work / (name + '.unfinished')
             forget(result)  # an interrupted run must not pass for the one before
             call(command + ['--json', unfinished])
-            kept = dict(read_json(unfinished), command=command[1:], commit=self.commit)
+            kept = dict(json.loads(unfinished.read_text()), command=command[1:], commit=self.commit)
             result.write_text(json.dumps(kept, indent=1) + '\n')
             unfinished.unlink()
         self.asked.add(name)
