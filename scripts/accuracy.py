@@ -339,6 +339,19 @@ def offset_section(bench):
     return '\n'.join(lines + [note(odd, even, parts, other_day, drive, few)])
 
 
+def covariance_section(bench):
+    runs = [('simulated drive, 64 beams, against the truth', simulation(bench, 64), (5, 10, 20), 'E3'),
+            ('simulated drive, 16 beams, against the truth', simulation(bench, 16), (5, 10), 'E3'),
+            ('kitti_00, against the reference', kitti_method(bench, 'E2'), (5, 10), 'E2'),
+            ('kitti_00, one half against the other', halves(bench, bench.real('kitti_00'), 'kitti_00'), (12,), 'E1')]
+    lines = ['| data | frames | about x, y, z | along x, y, z |', 4 * '|---' + '|']
+    for label, result, counts, start in runs:
+        for frames in counts:
+            ratios = ['{:.1f}'.format(ratio) for ratio in result[METHOD, frames, start]['normalised_error_rms']]
+            lines.append('| {} | {} | {} | {} |'.format(label, frames, ', '.join(ratios[:3]), ', '.join(ratios[3:])))
+    return '\n'.join(lines + [note(*[run[1] for run in runs])])
+
+
 def basin_section(bench):
     counts, turns = [1, 5], ('rx', 'ry', 'rz')
     results = collections.OrderedDict((axis, bench.run(
@@ -564,7 +577,7 @@ def plot_slices(rows, path):
 SECTIONS = collections.OrderedDict([
     ('bars', bars_section), ('methods', methods_section), ('frames', frames_section), ('beams', beams_section),
     ('rings', rings_section), ('halves', halves_section), ('ablation', ablation_section),
-    ('offset', offset_section), ('basin', basin_section),
+    ('offset', offset_section), ('covariance', covariance_section), ('basin', basin_section),
     ('slices', slices_section), ('others', others_section)])
 
 
