@@ -12,9 +12,9 @@ constexpr std::size_t kMinFrames = 4;
 constexpr std::size_t kMaxShare = 3;  // one in so many may be left out
 constexpr int kMaxRounds = 3;
 
-// Measured on kitti_00, objective `consistency_edges`, 6 frames: good frames have at least 0.38 of the median contrast,
-// frames with the masks or the cloud of another one at most 0.2. Good frames lose at most 40 % of their own
-// contrast at the joint extrinsic, and then mostly in roll.
+// Measured on kitti_00, objective `consistency_edges`, 6 frames: good frames have at least 0.38 of the median
+// contrast, frames with the masks or the cloud of another one at most 0.2. Good frames lose at most 40 % of
+// their own contrast at the joint extrinsic, and then mostly in roll.
 constexpr double kChance = 0.25;  // less of the median contrast means that a frame sees nothing
 constexpr double kMinFit = 0.65;  // less of its own contrast means that a frame prefers another extrinsic
 constexpr double kFar = 3.0;      // robust standard deviations from the median of the frames

@@ -16,12 +16,9 @@ namespace {
 
 /// The columns. A new term of Score gets its line here.
 constexpr std::pair<const char*, double Score::*> kFigures[] = {
-    {"total", &Score::total},
-    {"reflectivity", &Score::reflectivity},
-    {"normal", &Score::normal},
-    {"segment", &Score::segment},
-    {"edges", &Score::edges},
-    {"region", &Score::region},
+    {"total", &Score::total},   {"reflectivity", &Score::reflectivity},
+    {"normal", &Score::normal}, {"segment", &Score::segment},
+    {"edges", &Score::edges},   {"region", &Score::region},
 };
 
 constexpr std::array<const char*, 6> kAxes = {"rx", "ry", "rz", "tx", "ty", "tz"};
