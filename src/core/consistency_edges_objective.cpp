@@ -29,15 +29,16 @@ Vector6d gradient(const Intrinsics& camera, const Eigen::Vector3f& in_camera, fl
   return result;
 }
 
-void addEdge(View& view, const EdgePoints& edges, std::size_t i, float weight) {
-  view.x.push_back(edges.x[i]);
-  view.y.push_back(edges.y[i]);
-  view.z.push_back(edges.z[i]);
-  view.weight.push_back(weight);
-  view.direction.push_back(directionOf(edges.kind[i]));
-}
-
 }  // namespace
+
+void ConsistencyEdgesEvaluator::View::addEdge(const Eigen::Vector3f& point, float edge_weight,
+                                              BoundaryField::Direction edge_direction) {
+  x.push_back(point.x());
+  y.push_back(point.y());
+  z.push_back(point.z());
+  weight.push_back(edge_weight);
+  direction.push_back(edge_direction);
+}
 
 ConsistencyEdgesEvaluator::ConsistencyEdgesEvaluator(std::vector<View> views, double region_weight)
     : views_(std::move(views)), region_weight_(region_weight) {
@@ -118,11 +119,7 @@ ConsistencyEdgesEvaluator ConsistencyEdgesEvaluator::thinned(std::size_t count) 
     thin.frame = view.frame;
     for (std::size_t i = 0; i < view.size(); ++i) {
       if (number++ % step != 0) continue;
-      thin.x.push_back(view.x[i]);
-      thin.y.push_back(view.y[i]);
-      thin.z.push_back(view.z[i]);
-      thin.weight.push_back(view.weight[i]);
-      thin.direction.push_back(view.direction[i]);
+      thin.addEdge({view.x[i], view.y[i], view.z[i]}, view.weight[i], view.direction[i]);
     }
     views.push_back(std::move(thin));
   }
@@ -164,7 +161,8 @@ std::unique_ptr<Evaluator> ConsistencyEdgesObjective::evaluator(const Frames& fr
     const EdgePoints& edges = frame->edges;
     for (std::size_t i = 0; i < edges.size(); ++i) {
       const float weight = edges.weight[i] * edge_weights_[static_cast<std::size_t>(edges.kind[i])];
-      if (weight > 0.0f && seen(edges.x[i], edges.y[i], edges.z[i], 0.0f)) addEdge(view, edges, i, weight);
+      if (!(weight > 0.0f) || !seen(edges.x[i], edges.y[i], edges.z[i], 0.0f)) continue;
+      view.addEdge({edges.x[i], edges.y[i], edges.z[i]}, weight, directionOf(edges.kind[i]));
     }
     const FramePoints& points = frame->points;
     for (std::size_t i = 0; i < points.size(); ++i) {

@@ -31,6 +31,7 @@ class ConsistencyEdgesEvaluator : public Evaluator {
     std::vector<std::uint32_t> points;  ///< of frame->points, for the region term
 
     std::size_t size() const { return x.size(); }
+    void addEdge(const Eigen::Vector3f& point, float edge_weight, BoundaryField::Direction edge_direction);
   };
 
   /// The level of Score::edges: fine enough for the optimum to be right, wide enough to tell two places
