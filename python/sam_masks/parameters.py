@@ -83,7 +83,7 @@ def read(given):
     @return value of every parameter by its name with slashes, and the names that are no parameters
     @throw ParameterError
     """
-    flat = dict(_flatten(given))
+    flat = dict(flatten(given))
     values = {}
     for name, parameter in PARAMETERS.items():
         values[name] = flat.pop(name, parameter.default)
@@ -93,10 +93,10 @@ def read(given):
     return values, sorted(flat)
 
 
-def _flatten(nested, prefix=""):
+def flatten(nested, prefix=""):
     for name, value in nested.items():
         if isinstance(value, dict):
-            yield from _flatten(value, prefix + name + "/")
+            yield from flatten(value, prefix + name + "/")
         else:
             yield prefix + name, value
 

@@ -6,6 +6,7 @@ the padding that holds nothing of the image is not enlarged to masks.
 """
 import numpy as np
 import onnx
+from google.protobuf.message import DecodeError
 from onnx import TensorProto, helper, numpy_helper
 
 PATCHES = "decoded_patches"  # added input: rows and columns of the embedding that are decoded
@@ -22,7 +23,10 @@ def prepare_decoder(path, attend_padding=True):
     attend_padding: the prompts see the padding as well, as SAM was trained. False: it is left out of everything; faster,
     but that does alter the masks.
     """
-    model = onnx.load(str(path))
+    try:
+        model = onnx.load(str(path))
+    except DecodeError as error:
+        raise Unsuitable("it is no ONNX model") from error
     graph = _Graph(model.graph)
     logits, scores = _proposals(graph)
     _free_batch(model.graph)
