@@ -3,7 +3,9 @@
 
 import contextlib
 import math
+import os
 import pathlib
+import subprocess
 import sys
 import tempfile
 import types
@@ -312,6 +314,32 @@ class FilesTest(unittest.TestCase):
 
     def tearDown(self):
         self.folder.cleanup()
+
+    def make_masks(self, *words):
+        return subprocess.run([sys.executable, str(PACKAGE / "scripts" / "make_masks"), "--home", str(self.root), *words],
+                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True,
+                              env=dict(os.environ, PYTHONPATH=str(PACKAGE / "python")))
+
+    def test_masks_of_a_folder_of_images(self):
+        image = np.full((HEIGHT, WIDTH, 3), 40, np.uint8)
+        image[:, 50:] = 200
+        for name in "ab":
+            cv2.imwrite(str(self.root / (name + ".png")), image)
+        run = self.make_masks(str(self.root), str(self.root / "masks"), "--set", "backend=graph", "--only", "b")
+        self.assertEqual(run.returncode, 0, run.stdout)
+        masks, height, width = mask_files.read_masks(self.root / "masks" / "b")
+        self.assertEqual((height, width, coverage(masks, height, width)), (HEIGHT, WIDTH, 1.0))
+        self.assertFalse((self.root / "masks" / "a").exists())
+        name, count, covered, _ = (self.root / "masks" / "make_masks.csv").read_text().strip().split(",")
+        self.assertEqual((name, int(count), float(covered)), ("b", len(masks), 1.0))
+        self.assertIn("b: masks are there", self.make_masks(str(self.root), str(self.root / "masks"), "--set",
+                                                            "backend=graph").stdout)
+
+    def test_make_masks_says_what_is_wrong(self):
+        for words, told in (((str(self.root), "out"), "no such image"), (("/nowhere", "out"), "/nowhere"),
+                            ((str(self.root), "out", "--set", "threads=0"), "threads is 0")):
+            run = self.make_masks(*words)
+            self.assertEqual((run.returncode, told in run.stdout), (1, True), run.stdout)
 
     def test_masks_survive_their_files(self):
         masks = [rectangle(0, 0, 50, 50), rectangle(10, 10, 20, 20)]

@@ -14,6 +14,7 @@ from sam_masks.mask_files import write_masks
 from sam_masks.masks import coverage
 from sam_masks.segmenter import make_segmenter, step_back
 
+TABLE = "make_masks.csv"  # in the folder of the masks: name, masks, share of the image, CPU time [s]
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
 
@@ -78,5 +79,8 @@ def make(segmenter, path, folder):
     masks = segmenter.segment(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
     seconds = time.process_time() - start
     write_masks(folder, masks, *image.shape[:2])
-    print("{}: {} masks on {:.0f} % of the image, {:.1f} s CPU".format(
-        path.stem, len(masks), 100 * coverage(masks, *image.shape[:2]), seconds), flush=True)
+    covered = coverage(masks, *image.shape[:2])
+    with (folder.parent / TABLE).open("a") as table:
+        table.write("{},{},{:.4f},{:.2f}\n".format(path.stem, len(masks), covered, seconds))
+    print("{}: {} masks on {:.0f} % of the image, {:.1f} s CPU".format(path.stem, len(masks), 100 * covered, seconds),
+          flush=True)
