@@ -4,6 +4,7 @@ import time
 import cv2
 import diagnostic_updater
 import rospy
+import tf2_ros
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import Image
 
@@ -21,8 +22,8 @@ class Statistics:
     """What the diagnostics tell. Written and read by different threads, value by value."""
 
     def __init__(self):
-        self.images = self.refused = self.left_out = 0
-        self.seconds = self.masks = self.mean_seconds = 0.0
+        self.images = self.refused = self.masks = self.left_out = 0
+        self.seconds = self.mean_seconds = 0.0
         self.problem = ""
 
     def count(self, seconds, masks, left_out):
@@ -57,8 +58,8 @@ class SamMasksNode:
                 self._process(message)
             except ImageError as problem:
                 self._complain("an image on {} is refused: {}".format(self.subscriber.resolved_name, problem))
-            except (cv2.error, RuntimeError, MemoryError) as problem:  # of a backend; the next image may do
-                self._complain("segmenting an image failed: {}".format(problem))
+            except Exception as problem:  # a backend's library may throw anything; the next image may do
+                self._complain("segmenting an image failed: {}: {}".format(type(problem).__name__, problem))
 
     def _process(self, message):
         start = time.monotonic()
@@ -83,14 +84,12 @@ class SamMasksNode:
         return self.gate.passes(header.stamp.to_sec(), place)
 
     def _listen_to_tf(self):
-        import tf2_ros
         buffer = tf2_ros.Buffer()
         self.listener = tf2_ros.TransformListener(buffer)
         return buffer
 
     def _place(self, header):
         """@return where the camera was, in the fixed frame [m]; None if tf does not tell"""
-        import tf2_ros
         fixed = self.values["fixed_frame"]
         try:
             transform = self.tf.lookup_transform(fixed, header.frame_id, header.stamp, rospy.Duration(0.2))
