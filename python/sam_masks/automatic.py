@@ -36,7 +36,7 @@ class PromptedModel:
         raise NotImplementedError
 
     def enlarge(self, logits):
-        """@param logits h x w, as decoded  @return the same at the resolution of the model's input, only the image's part."""
+        """@param logits h x w, as decoded  @return the image's part of them, at the resolution of the model's input"""
         raise NotImplementedError
 
 
@@ -115,5 +115,5 @@ class AutomaticMasks:
     def _mask(self, proposal, shape):
         size = (shape[1], shape[0])
         inside = cv2.resize(self.model.enlarge(proposal.logits), size, interpolation=cv2.INTER_LINEAR) > 0
-        inside, _ = clean(inside, self.settings.min_area)
+        inside = clean(inside, self.settings.min_area)
         return Mask.of_image(inside, proposal.score)

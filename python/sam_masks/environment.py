@@ -1,4 +1,4 @@
-"""The Python environment and the model that './bootstrap sam' makes, in one folder: venv/, encoder.onnx, decoder.onnx."""
+"""What './bootstrap sam' makes, a Python environment and a model, in one folder: venv/, encoder.onnx, decoder.onnx."""
 import argparse
 import os
 import pathlib

@@ -42,9 +42,8 @@ class Mask:
 def clean(inside, min_area):
     """Removes islands and fills holes of fewer than `min_area` pixels.
 
-    @param inside bool array  @return the same, and whether anything changed. The largest island always stays.
+    @param inside bool array  @return the same, cleaned. The largest island always stays.
     """
-    changed = False
     for value in (False, True):  # holes first: they may join islands
         count, labels, stats, _ = cv2.connectedComponentsWithStats((inside == value).astype(np.uint8), connectivity=8)
         areas = stats[:, cv2.CC_STAT_AREA]
@@ -54,8 +53,7 @@ def clean(inside, min_area):
             small[1 + int(np.argmax(areas[1:]))] = False
         if small.any():
             inside = inside ^ small[labels]
-            changed = True
-    return inside, changed
+    return inside
 
 
 def box_overlap(boxes, box):
@@ -144,7 +142,7 @@ def _overlap(a, b):
 
 
 def draw(image, masks):
-    """@param image BGR  @return it with the masks in colours and their borders in white, small masks above large ones."""
+    """@param image BGR  @return it with the masks in colours and their borders in white, small ones on top"""
     picture = image.copy()
     borders = np.zeros(image.shape[:2], np.uint8)
     for i, mask in enumerate(sorted(masks, key=lambda mask: -mask.area)):

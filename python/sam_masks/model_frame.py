@@ -35,7 +35,7 @@ class ModelFrame:
         return np.asarray(points, np.float32) * np.float32(self.scale)
 
     def enlarge(self, logits):
-        """@param logits of low resolution, with or without those of the padding  @return the image's part of the input"""
+        """@param logits of low resolution, with or without those of the padding  @return the image's part"""
         height, width = logits.shape
         enlarged = cv2.resize(logits, (LOW_RESOLUTION * width, LOW_RESOLUTION * height), interpolation=cv2.INTER_LINEAR)
         return enlarged[:self.height, :self.width]

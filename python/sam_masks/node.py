@@ -94,8 +94,8 @@ class SamMasksNode:
         try:
             transform = self.tf.lookup_transform(fixed, header.frame_id, header.stamp, rospy.Duration(0.2))
         except tf2_ros.TransformException as problem:
-            self._complain("min_distance needs tf from '{}' to '{}', set fixed_frame to a frame in which the vehicle moves "
-                           "or min_distance to 0: {}".format(fixed, header.frame_id, problem))
+            self._complain("min_distance needs tf from '{}' to '{}', set fixed_frame to a frame in which the vehicle "
+                           "moves or min_distance to 0: {}".format(fixed, header.frame_id, problem))
             return None
         place = transform.transform.translation
         return place.x, place.y, place.z

@@ -26,7 +26,8 @@ def make_segmenter(values, home):
         from sam_masks.backends.onnx import OnnxModel
         given = group(values, "onnx")
         model = OnnxModel(
-            given["encoder"] or pathlib.Path(home) / "encoder.onnx", given["decoder"] or pathlib.Path(home) / "decoder.onnx",
+            given["encoder"] or pathlib.Path(home) / "encoder.onnx",
+            given["decoder"] or pathlib.Path(home) / "decoder.onnx",
             attend_padding=given["attend_padding"], **common)
     return AutomaticMasks(model, AutomaticSettings(**group(values, "automatic")))
 

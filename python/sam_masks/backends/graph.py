@@ -1,4 +1,4 @@
-"""The classical fallback, without any model: graph-based segmentation by colour (Felzenszwalb and Huttenlocher, 2004)."""
+"""The classical fallback without a model: graph-based segmentation by colour (Felzenszwalb and Huttenlocher, 2004)."""
 import dataclasses
 
 import cv2
@@ -23,8 +23,8 @@ class GraphSegmenter:
     def __init__(self, settings=None, input_size=0):
         """input_size: a larger image is shrunk to this longest side before [px]; 0: never"""
         if not hasattr(cv2, "ximgproc"):
-            raise BackendError("backend graph needs OpenCV's contributed module ximgproc, which this cv2 lacks; install "
-                               "python3-opencv of the system, or opencv-contrib-python")
+            raise BackendError("backend graph needs OpenCV's contributed module ximgproc, which this cv2 lacks; "
+                               "install python3-opencv of the system, or opencv-contrib-python")
         self.settings, self.input_size = settings or GraphSettings(), input_size
 
     def segment(self, image, stop=None):

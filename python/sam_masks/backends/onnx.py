@@ -22,7 +22,7 @@ class OnnxModel(PromptedModel):
                                    "parameters onnx/encoder and onnx/decoder".format(file))
         options = runtime.SessionOptions()
         options.intra_op_num_threads = threads
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # idle threads leave the core to others
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # idle ones leave the core
         providers = ["CPUExecutionProvider"] if device == "cpu" else ["CUDAExecutionProvider", "CPUExecutionProvider"]
         if providers[0] not in runtime.get_available_providers():
             raise BackendError("device '{}': this ONNX Runtime has only {}; install onnxruntime-gpu, or set device "
@@ -67,7 +67,7 @@ class OnnxModel(PromptedModel):
         }
         wanted = {node.name for node in self.decoder.get_inputs()}
         scores, logits = self.decoder.run(self.outputs, {name: given[name] for name in given if name in wanted})
-        # The first of four is the mask for several prompts at once; a point alone is ambiguous and has the other three.
+        # The first of four is the mask for several prompts; a point alone is ambiguous and has the other three.
         return (scores[:, 1:], logits[:, 1:]) if scores.shape[1] == 4 else (scores, logits)
 
     def enlarge(self, logits):

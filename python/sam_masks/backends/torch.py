@@ -9,7 +9,7 @@ from sam_masks.automatic import PromptedModel
 from sam_masks.backends import BackendError
 from sam_masks.model_frame import ModelFrame
 
-# Model -> Python package, and how it is installed. Every other name is a configuration of SAM 2.
+# Model: Python package, and how it is installed. Every other name is a configuration of SAM 2.
 PACKAGES = {name: ("segment_anything", "segment-anything") for name in ("vit_h", "vit_l", "vit_b")}
 PACKAGES["vit_t"] = ("mobile_sam", "MobileSAM from its repository ChaoningZhang/MobileSAM")
 SAM2 = ("sam2", "sam2")
