@@ -81,14 +81,16 @@ cv::Mat colourCopy(const cv::Mat& image, const Intrinsics& k) {
   return colour;
 }
 
-cv::Mat idealImage(const Camera& camera, const cv::Mat& image) {
-  return camera.distorted() && !image.empty() ? camera.toIdeal(image, cv::INTER_LINEAR) : image;
+cv::Mat idealGrey(const Camera& camera, const cv::Mat& colour) {
+  if (colour.empty()) return {};
+  cv::Mat grey;
+  cv::cvtColor(colour, grey, cv::COLOR_BGR2GRAY);
+  return camera.distorted() ? camera.toIdeal(grey, cv::INTER_LINEAR) : grey;
 }
 
 MaskSets idealMasks(const Camera& camera, const std::vector<cv::Mat>& layers, int min_masks) {
   if (layers.empty())
     throw Error(ErrorCause::kMasks, "The frame has no mask layer: give at least one label image.");
-  std::vector<cv::Mat> ideal;
   for (const cv::Mat& layer : layers) {
     if (!hasSizeOf(layer, camera.intrinsics())) {
       throw Error(ErrorCause::kMasks,
@@ -100,9 +102,9 @@ MaskSets idealMasks(const Camera& camera, const std::vector<cv::Mat>& layers, in
       throw Error(ErrorCause::kMasks, "A mask layer has OpenCV type " + cv::typeToString(layer.type()) +
                                           ": convert it to a CV_32SC1 label image.");
     }
-    ideal.push_back(camera.distorted() ? camera.toIdeal(layer, cv::INTER_NEAREST) : layer);
   }
-  MaskSets masks = MaskSets::fromLayers(ideal);
+  MaskSets masks = MaskSets::fromLayers(layers);
+  if (camera.distorted()) masks = masks.toIdeal(camera);
   if (static_cast<long>(masks.maskCount()) < min_masks) {
     throw Error(ErrorCause::kNotEnough, "The frame has " + std::to_string(masks.maskCount()) +
                                             " masks, min_masks is " + std::to_string(min_masks) +
@@ -181,7 +183,7 @@ FramePtr makeFrame(double stamp, const Camera& camera, const cv::Mat& image,
   if (config.edges) {
     edges = findLidarEdges(cropped, features, config.cull_hidden ? visible : std::vector<std::uint8_t>());
     borders =
-        std::make_shared<const BoundaryField>(maskBorders(masks.setOfPixel(), idealImage(camera, colour)),
+        std::make_shared<const BoundaryField>(maskBorders(masks.setOfPixel(), idealGrey(camera, colour)),
                                               masks.setOfPixel().size(), camera.intrinsics().fx);
   }
 

@@ -11,7 +11,7 @@ namespace lidar_camera_recalibration {
 /// so that a search around a whole leaf costs little more than around one point.
 class KdTree {
  public:
-  static constexpr std::size_t kLeafSize = 16;
+  static constexpr std::size_t kLeafSize = 24;
 
   struct Node {
     Eigen::AlignedBox3f box;        ///< of its points

@@ -193,8 +193,8 @@ std::vector<Border> maskBorders(const cv::Mat& sets, const cv::Mat& image) {
     cv::findNonZero(masks.along_u | masks.along_v, pixels);
     return collect(pixels, masks, PlacesBetweenMasks(sets));
   }
-  cv::Mat grey, smooth, edges;
-  cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
+  cv::Mat grey = image, smooth, edges;
+  if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
   cv::GaussianBlur(grey, smooth, cv::Size(), kEdgeSigma);
   Changes intensity;
   cv::Sobel(smooth, intensity.along_u, CV_16S, 1, 0, 3, 1.0, 0.0, cv::BORDER_REPLICATE);

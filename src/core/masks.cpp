@@ -144,6 +144,44 @@ MaskSets MaskSets::fromLayers(const std::vector<cv::Mat>& layers) {
   return result;
 }
 
+MaskSets MaskSets::toIdeal(const Camera& camera) const {
+  MaskSets result;
+  result.set_of_pixel_ = camera.toIdeal(set_of_pixel_, cv::INTER_NEAREST);
+  // The sets that are left, in the order in which they appear.
+  std::vector<std::uint32_t> old_number{0};
+  std::vector<std::int32_t> new_number(setCount(), -1);
+  new_number[0] = 0;
+  for (int v = 0; v < height(); ++v) {
+    auto* const row = result.set_of_pixel_.ptr<std::uint16_t>(v);
+    for (int u = 0; u < width(); ++u) {
+      std::int32_t& number = new_number[row[u]];
+      if (number < 0) {
+        number = static_cast<std::int32_t>(old_number.size());
+        old_number.push_back(row[u]);
+      }
+      row[u] = static_cast<std::uint16_t>(number);
+    }
+  }
+  // Likewise the masks.
+  std::vector<std::uint32_t> mask_number(mask_count_, 0);
+  for (const std::uint32_t s : old_number) {
+    for (std::uint32_t k = set_begin_[s]; k < set_begin_[s + 1]; ++k) mask_number[set_masks_[k]] = 1;
+  }
+  for (std::uint32_t& number : mask_number) {
+    const bool used = number != 0;
+    number = static_cast<std::uint32_t>(result.mask_count_);
+    result.mask_count_ += used;
+  }
+  result.set_begin_.push_back(0);
+  for (const std::uint32_t s : old_number) {
+    for (std::uint32_t k = set_begin_[s]; k < set_begin_[s + 1]; ++k) {
+      result.set_masks_.push_back(mask_number[set_masks_[k]]);
+    }
+    result.set_begin_.push_back(static_cast<std::uint32_t>(result.set_masks_.size()));
+  }
+  return result;
+}
+
 std::vector<cv::Mat> layersFromBinaryMasks(const std::vector<cv::Mat>& masks) {
   std::vector<cv::Mat> layers;
   for (std::size_t i = 0; i < masks.size(); ++i) {

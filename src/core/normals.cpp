@@ -23,18 +23,8 @@ struct Columns {
 
   std::size_t size() const { return x.size(); }
 
-  void clear() {
-    for (auto* column : {&x, &y, &z}) column->clear();
-  }
-
   void resize(std::size_t size) {
     for (auto* column : {&x, &y, &z}) column->resize(size);
-  }
-
-  void append(const Eigen::Vector3f& point) {
-    x.push_back(point.x());
-    y.push_back(point.y());
-    z.push_back(point.z());
   }
 };
 
@@ -128,26 +118,41 @@ class NeighbourPlanes {
   }
 
   void takeCandidates() {
-    candidates_.clear();
+    std::size_t size = 0;
+    for (const KdTree::Range& range : ranges_) size += range.end - range.begin;
+    candidates_.resize(size);
+    std::size_t k = 0;
     for (const KdTree::Range& range : ranges_) {
-      for (std::uint32_t i = range.begin; i < range.end; ++i) candidates_.append(tree_.points()[i] - middle_);
+      for (std::uint32_t i = range.begin; i < range.end; ++i, ++k) {
+        const Eigen::Vector3f point = tree_.points()[i] - middle_;
+        candidates_.x[k] = point.x();
+        candidates_.y[k] = point.y();
+        candidates_.z[k] = point.z();
+      }
     }
   }
 
   // Keeps candidates within a distance of a box around the middle.
   void keepNear(const Eigen::Vector3f& half, float distance) {
     const std::size_t size = candidates_.size();
+    squared_.resize(size);
+    float* const squared = squared_.data();
     float *const x = candidates_.x.data(), *const y = candidates_.y.data(), *const z = candidates_.z.data();
     const float hx = half.x(), hy = half.y(), hz = half.z(), limit = distance * distance;
+#pragma omp simd
+    for (std::size_t k = 0; k < size; ++k) {
+      float dx = std::abs(x[k]) - hx, dy = std::abs(y[k]) - hy, dz = std::abs(z[k]) - hz;
+      dx = dx > 0.0f ? dx : 0.0f;
+      dy = dy > 0.0f ? dy : 0.0f;
+      dz = dz > 0.0f ? dz : 0.0f;
+      squared[k] = dx * dx + dy * dy + dz * dz;
+    }
     std::size_t kept = 0;
     for (std::size_t k = 0; k < size; ++k) {
-      const float cx = x[k], cy = y[k], cz = z[k];
-      const float dx = std::max(0.0f, std::abs(cx) - hx), dy = std::max(0.0f, std::abs(cy) - hy),
-                  dz = std::max(0.0f, std::abs(cz) - hz);
-      x[kept] = cx;
-      y[kept] = cy;
-      z[kept] = cz;
-      kept += dx * dx + dy * dy + dz * dz <= limit;
+      x[kept] = x[k];
+      y[kept] = y[k];
+      z[kept] = z[k];
+      kept += squared[k] <= limit;
     }
     candidates_.resize(kept);
   }
