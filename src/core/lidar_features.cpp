@@ -12,6 +12,8 @@
 namespace lidar_camera_recalibration {
 namespace {
 
+using Indices = std::vector<int>;
+
 void numberBySize(std::vector<Indices> groups, LidarFeatures& features) {
   std::stable_sort(groups.begin(), groups.end(),
                    [](const Indices& a, const Indices& b) { return a.size() > b.size(); });

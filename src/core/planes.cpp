@@ -12,6 +12,7 @@
 namespace lidar_camera_recalibration {
 namespace {
 
+using Indices = std::vector<int>;
 using Plane = Eigen::Hyperplane<float, 3>;
 
 // RANSAC stops when it has missed no better plane with this probability, or after so many hypotheses. Each is
@@ -127,9 +128,9 @@ class PlaneSearch {
 
 }  // namespace
 
-std::vector<Indices> takePlanes(const std::vector<Eigen::Vector3f>& points,
-                                const std::vector<Eigen::Vector3f>& normals, const LidarFeatureConfig& config,
-                                Indices& remaining) {
+std::vector<std::vector<int>> takePlanes(const std::vector<Eigen::Vector3f>& points,
+                                         const std::vector<Eigen::Vector3f>& normals,
+                                         const LidarFeatureConfig& config, std::vector<int>& remaining) {
   std::vector<Indices> planes;
   while (!remaining.empty() && static_cast<int>(planes.size()) < config.plane_max_count) {
     const std::optional<Plane> plane = PlaneSearch(points, normals, config, remaining).find();

@@ -7,12 +7,10 @@
 
 namespace lidar_camera_recalibration {
 
-using Indices = std::vector<int>;
-
 /// Takes planes out of `remaining`, each with all points near it, whatever their normals: where the plane is
 /// sampled thinly or ends, normals are poor.
-std::vector<Indices> takePlanes(const std::vector<Eigen::Vector3f>& points,
-                                const std::vector<Eigen::Vector3f>& normals, const LidarFeatureConfig& config,
-                                Indices& remaining);
+std::vector<std::vector<int>> takePlanes(const std::vector<Eigen::Vector3f>& points,
+                                         const std::vector<Eigen::Vector3f>& normals,
+                                         const LidarFeatureConfig& config, std::vector<int>& remaining);
 
 }  // namespace lidar_camera_recalibration
