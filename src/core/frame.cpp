@@ -81,11 +81,8 @@ cv::Mat colourCopy(const cv::Mat& image, const Intrinsics& k) {
   return colour;
 }
 
-cv::Mat idealGrey(const Camera& camera, const cv::Mat& colour) {
-  if (colour.empty()) return {};
-  cv::Mat grey;
-  cv::cvtColor(colour, grey, cv::COLOR_BGR2GRAY);
-  return camera.distorted() ? camera.toIdeal(grey, cv::INTER_LINEAR) : grey;
+cv::Mat idealImage(const Camera& camera, const cv::Mat& image) {
+  return camera.distorted() && !image.empty() ? camera.toIdeal(image, cv::INTER_LINEAR) : image;
 }
 
 MaskSets idealMasks(const Camera& camera, const std::vector<cv::Mat>& layers, int min_masks) {
@@ -183,7 +180,7 @@ FramePtr makeFrame(double stamp, const Camera& camera, const cv::Mat& image,
   if (config.edges) {
     edges = findLidarEdges(cropped, features, config.cull_hidden ? visible : std::vector<std::uint8_t>());
     borders =
-        std::make_shared<const BoundaryField>(maskBorders(masks.setOfPixel(), idealGrey(camera, colour)),
+        std::make_shared<const BoundaryField>(maskBorders(masks.setOfPixel(), idealImage(camera, colour)),
                                               masks.setOfPixel().size(), camera.intrinsics().fx);
   }
 

@@ -14,7 +14,7 @@ constexpr int kDirectionWindow = 7;  // [px]
 // best.
 constexpr float kUprightUpTo = 10.0f, kLevelFrom = 0.5f;
 
-constexpr double kReach = 3.0;  // how far a segmenter's borders are off, at most [px]
+constexpr double kReach = 2.0;  // how far a segmenter's borders are off, at most [px]
 constexpr double kEdgeSigma = 1.0, kEdgeLow = 30.0, kEdgeHigh = 80.0;  // Canny: blur [px], gradients
 constexpr double kPlaceSigma = 1.5;                                    // blur for the places of edges [px]
 
@@ -46,6 +46,32 @@ cv::Rect windowAround(const cv::Point& pixel, const cv::Size& size) {
   constexpr int kHalf = kDirectionWindow / 2;
   return cv::Rect(pixel.x - kHalf, pixel.y - kHalf, kDirectionWindow, kDirectionWindow) &
          cv::Rect(0, 0, size.width, size.height);
+}
+
+// The gradient of an image, at each pixel that of the channel where it is strongest: many borders are between
+// colours of the same brightness.
+Changes gradientOf(const cv::Mat& image) {
+  cv::Mat along_u, along_v;
+  cv::Sobel(image, along_u, CV_16S, 1, 0);
+  cv::Sobel(image, along_v, CV_16S, 0, 1);
+  Changes result{cv::Mat(image.size(), CV_16SC1), cv::Mat(image.size(), CV_16SC1)};
+  for (int v = 0; v < image.rows; ++v) {
+    const auto* us = along_u.ptr<cv::Vec3s>(v);
+    const auto* vs = along_v.ptr<cv::Vec3s>(v);
+    auto* strongest_u = result.along_u.ptr<std::int16_t>(v);
+    auto* strongest_v = result.along_v.ptr<std::int16_t>(v);
+    for (int u = 0; u < image.cols; ++u) {
+      int most = -1;
+      for (int c = 0; c < 3; ++c) {
+        const int square = us[u][c] * us[u][c] + vs[u][c] * vs[u][c];
+        if (square <= most) continue;
+        most = square;
+        strongest_u[u] = us[u][c];
+        strongest_v[u] = vs[u][c];
+      }
+    }
+  }
+  return result;
 }
 
 // Between two masks: half a pixel from each, across the line between the middles of their pixels in a window.
@@ -84,8 +110,8 @@ class PlacesBetweenMasks {
 // across the edge.
 class PlacesOnEdges {
  public:
-  explicit PlacesOnEdges(const cv::Mat& grey) {
-    grey.convertTo(smooth_, CV_32F);
+  explicit PlacesOnEdges(const cv::Mat& image) {
+    image.convertTo(smooth_, CV_32F);  // finer than steps of 1: a parabola is laid through the gradient
     cv::GaussianBlur(smooth_, smooth_, cv::Size(), kPlaceSigma);
   }
 
@@ -105,17 +131,27 @@ class PlacesOnEdges {
   }
 
  private:
-  // Sobel's, made where it is asked for: borders are few. The image is mirrored at its rim.
+  // As gradientOf(), made where it is asked for: borders are few. The image is mirrored at its rim.
   cv::Point2f gradientAt(int u, int v) const {
     const int left = cv::borderInterpolate(u - 1, smooth_.cols, cv::BORDER_REFLECT_101);
     const int right = cv::borderInterpolate(u + 1, smooth_.cols, cv::BORDER_REFLECT_101);
-    const auto* const upper =
-        smooth_.ptr<float>(cv::borderInterpolate(v - 1, smooth_.rows, cv::BORDER_REFLECT_101));
-    const auto* const row = smooth_.ptr<float>(v);
-    const auto* const lower =
-        smooth_.ptr<float>(cv::borderInterpolate(v + 1, smooth_.rows, cv::BORDER_REFLECT_101));
-    return {(upper[right] - upper[left]) + 2.0f * (row[right] - row[left]) + (lower[right] - lower[left]),
-            (lower[left] - upper[left]) + 2.0f * (lower[u] - upper[u]) + (lower[right] - upper[right])};
+    const int above = cv::borderInterpolate(v - 1, smooth_.rows, cv::BORDER_REFLECT_101);
+    const int below = cv::borderInterpolate(v + 1, smooth_.rows, cv::BORDER_REFLECT_101);
+    const auto *const upper = smooth_.ptr<cv::Vec3f>(above), *const row = smooth_.ptr<cv::Vec3f>(v),
+                      *const lower = smooth_.ptr<cv::Vec3f>(below);
+    cv::Point2f strongest;
+    float most = -1.0f;
+    for (int c = 0; c < 3; ++c) {
+      const cv::Point2f gradient((upper[right][c] - upper[left][c]) + 2.0f * (row[right][c] - row[left][c]) +
+                                     (lower[right][c] - lower[left][c]),
+                                 (lower[left][c] - upper[left][c]) + 2.0f * (lower[u][c] - upper[u][c]) +
+                                     (lower[right][c] - upper[right][c]));
+      const float square = gradient.dot(gradient);
+      if (square <= most) continue;
+      most = square;
+      strongest = gradient;
+    }
+    return strongest;
   }
 
   static float magnitude(const cv::Point2f& gradient) {
@@ -134,7 +170,7 @@ class PlacesOnEdges {
     return (1.0f - b) * between(top) + b * between(top + 1);
   }
 
-  cv::Mat smooth_;  // CV_32FC1
+  cv::Mat smooth_;  // CV_32FC3
 };
 
 // Sum of squares in the window around a pixel.
@@ -193,18 +229,15 @@ std::vector<Border> maskBorders(const cv::Mat& sets, const cv::Mat& image) {
     cv::findNonZero(masks.along_u | masks.along_v, pixels);
     return collect(pixels, masks, PlacesBetweenMasks(sets));
   }
-  cv::Mat grey = image, smooth, edges;
-  if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
-  cv::GaussianBlur(grey, smooth, cv::Size(), kEdgeSigma);
-  Changes intensity;
-  cv::Sobel(smooth, intensity.along_u, CV_16S, 1, 0, 3, 1.0, 0.0, cv::BORDER_REPLICATE);
-  cv::Sobel(smooth, intensity.along_v, CV_16S, 0, 1, 3, 1.0, 0.0, cv::BORDER_REPLICATE);
-  cv::Canny(intensity.along_u, intensity.along_v, edges, kEdgeLow, kEdgeHigh, true);
+  cv::Mat smooth, edges;
+  cv::GaussianBlur(image, smooth, cv::Size(), kEdgeSigma);
+  const Changes gradient = gradientOf(smooth);
+  cv::Canny(gradient.along_u, gradient.along_v, edges, kEdgeLow, kEdgeHigh, true);
   cv::findNonZero(edges, pixels);
   pixels.erase(std::remove_if(pixels.begin(), pixels.end(),
                               [&](const cv::Point& pixel) { return !nearChange(masks, pixel); }),
                pixels.end());
-  return collect(pixels, intensity, PlacesOnEdges(grey));
+  return collect(pixels, gradient, PlacesOnEdges(image));
 }
 
 }  // namespace lidar_camera_recalibration

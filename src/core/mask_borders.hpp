@@ -18,7 +18,7 @@ struct Border {
 /// within 3 px and left out where it has none: a segmenter's borders are off by a pixel or two, and
 /// systematically.
 /// @param sets   MaskSets::setOfPixel(), CV_16UC1
-/// @param image  CV_8UC1 or CV_8UC3 of the same size; may be empty
+/// @param image  CV_8UC3 of the same size; may be empty
 std::vector<Border> maskBorders(const cv::Mat& sets, const cv::Mat& image);
 
 }  // namespace lidar_camera_recalibration
