@@ -57,13 +57,14 @@ struct MaskSums {
 /// What the inner loop reads of a frame: the points to be scored, as structure of arrays.
 struct PreparedFrame {
   FramePtr frame;
-  std::vector<float> x, y, z;           ///< LiDAR frame [m]
+  Places places;
   std::vector<Eigen::Vector3f> normal;  ///< folded to its bin's side; zero where unknown
   std::vector<std::uint8_t> bin;        ///< of the normal
   std::vector<float> reflectivity;      ///< 0 where the sensor gives none
   std::vector<std::int32_t> segment;
   Eigen::Vector3d weights;  ///< w_R, w_N, w_S; sum 1
 
+  std::size_t size() const { return places.size(); }
   std::size_t maskCount() const { return frame->masks.maskCount(); }
   std::size_t classCount() const { return static_cast<std::size_t>(frame->points.segment_count); }
 };
@@ -105,9 +106,7 @@ class PaperEvaluator : public Evaluator {
         return view.wellInside(points.x[i], points.y[i], points.z[i], margin);
       };
       if (!std::all_of(views.begin(), views.end(), sees)) continue;
-      prepared.x.push_back(points.x[i]);
-      prepared.y.push_back(points.y[i]);
-      prepared.z.push_back(points.z[i]);
+      prepared.places.add(points.x[i], points.y[i], points.z[i]);
       Eigen::Vector3f normal(points.nx[i], points.ny[i], points.nz[i]);
       prepared.bin.push_back(static_cast<std::uint8_t>(NormalBins::fold(normal)));
       prepared.normal.push_back(normal);
@@ -125,17 +124,17 @@ class PaperEvaluator : public Evaluator {
     std::fill_n(sums_.begin(), frame.maskCount(), MaskSums{});
     std::fill_n(class_counts_.begin(), frame.maskCount() * frame.classCount(), 0u);
     const MaskSets& sets = frame.frame->masks;
-    const std::uint16_t* set_of_pixel = sets.setOfPixel().ptr<std::uint16_t>();
-    const std::size_t stride = sets.setOfPixel().step1();
     const Projection project(frame.frame->camera.intrinsics(), T_camera_lidar);
-    for (std::size_t i = 0; i < frame.x.size(); ++i) {
-      std::size_t u, v;
-      if (!project.nearest(frame.x[i], frame.y[i], frame.z[i], u, v)) continue;
-      const std::size_t set = set_of_pixel[v * stride + u];
-      if (set == 0) continue;
-      ++score.points;
-      for (std::uint32_t m = sets.setBegin()[set]; m < sets.setBegin()[set + 1]; ++m) {
-        add(frame, i, sets.setMasks()[m]);
+    Block<std::uint32_t> set;
+    for (std::size_t first = 0; first < frame.size(); first += kBlock) {
+      const std::size_t count = std::min(kBlock, frame.size() - first);
+      project.lookUp(sets.setOfPixel(), frame.places, first, count, 0, set);
+      for (std::size_t i = 0; i < count; ++i) {
+        if (set[i] == 0) continue;
+        ++score.points;
+        for (std::uint32_t m = sets.setBegin()[set[i]]; m < sets.setBegin()[set[i] + 1]; ++m) {
+          add(frame, first + i, sets.setMasks()[m]);
+        }
       }
     }
   }
