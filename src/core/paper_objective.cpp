@@ -50,7 +50,7 @@ const Directions& fibonacciHemisphere() {
 /// What a mask collects of the points that fall into it.
 struct MaskSums {
   std::array<Eigen::Vector3f, NormalBins::kCount> normals;
-  float reflectivity, reflectivity_squared;
+  double reflectivity, reflectivity_squared;  ///< in float their difference would be noise
   std::uint32_t points, points_with_normal;
 };
 
@@ -142,8 +142,9 @@ class PaperEvaluator : public Evaluator {
   void add(const PreparedFrame& frame, std::size_t i, std::uint32_t mask) {
     MaskSums& sums = sums_[mask];
     ++sums.points;
-    sums.reflectivity += frame.reflectivity[i];
-    sums.reflectivity_squared += frame.reflectivity[i] * frame.reflectivity[i];
+    const auto reflectivity = static_cast<double>(frame.reflectivity[i]);
+    sums.reflectivity += reflectivity;
+    sums.reflectivity_squared += reflectivity * reflectivity;
     sums.normals[frame.bin[i]] += frame.normal[i];
     sums.points_with_normal += frame.normal[i] != Eigen::Vector3f::Zero();
     if (frame.segment[i] >= 0)
