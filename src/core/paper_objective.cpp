@@ -4,7 +4,9 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <numeric>
 
+#include "multiversion.hpp"
 #include "projection.hpp"
 
 namespace lidar_camera_recalibration {
@@ -45,6 +47,15 @@ const Directions& fibonacciHemisphere() {
     return d;
   }();
   return directions;
+}
+
+/// Adds to each vector's sum its absolute dot products with the vectors before it.
+LCR_MULTIVERSION void addPairs(const float* x, const float* y, const float* z, int count,
+                               float* __restrict pairs) {
+  for (int a = 0; a < count; ++a) {
+    const float ax = x[a], ay = y[a], az = z[a];
+    for (int b = a + 1; b < count; ++b) pairs[b] += std::abs(ax * x[b] + ay * y[b] + az * z[b]);
+  }
 }
 
 /// What a mask collects of the points that fall into it.
@@ -200,18 +211,18 @@ int NormalBins::fold(Eigen::Vector3f& normal) {
 
 double NormalBins::consistency(const Eigen::Vector3f* sums, double n) {
   if (n <= 0.0) return 0.0;
-  std::array<Eigen::Vector3f, kCount> used;
+  std::array<float, kCount> x, y, z, pairs = {};
   int count = 0;
+  double diagonal = 0.0;
   for (int b = 0; b < kCount; ++b) {
-    if (sums[b] != Eigen::Vector3f::Zero()) used[count++] = sums[b];
+    if (sums[b] == Eigen::Vector3f::Zero()) continue;
+    x[count] = sums[b].x();
+    y[count] = sums[b].y();
+    z[count++] = sums[b].z();
+    diagonal += sums[b].squaredNorm();
   }
-  double diagonal = 0.0, off_diagonal = 0.0;
-  for (int a = 0; a < count; ++a) {
-    diagonal += used[a].squaredNorm();
-    float row = 0.0f;
-    for (int b = a + 1; b < count; ++b) row += std::abs(used[a].dot(used[b]));
-    off_diagonal += row;
-  }
+  addPairs(x.data(), y.data(), z.data(), count, pairs.data());
+  const double off_diagonal = std::accumulate(pairs.begin(), pairs.end(), 0.0);
   return (diagonal + 2.0 * off_diagonal) / (n * n);
 }
 
