@@ -1,5 +1,7 @@
 #include "frame_store.hpp"
 
+#include <numeric>
+
 #include "lidar_camera_recalibration/error.hpp"
 
 namespace lidar_camera_recalibration::performance {
@@ -12,9 +14,17 @@ Frames FrameStore::frames(const std::string& name, std::size_t count) {
   }
   Frames& frames = frames_[name];
   while (frames.size() < count) {
-    frames.push_back(prepare(source, source.frame(frames.size()), source.T_camera_lidar()));
+    const RawFrame raw = source.frame(frames.size());
+    frames.push_back(prepare(source, raw, source.T_camera_lidar()));
+    cloud_sizes_[name].push_back(raw.cloud.size());
   }
   return Frames(frames.begin(), frames.begin() + static_cast<std::ptrdiff_t>(count));
+}
+
+std::size_t FrameStore::cloudPoints(const std::string& name, std::size_t count) {
+  frames(name, count);
+  const auto& sizes = cloud_sizes_[name];
+  return std::accumulate(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(count), std::size_t{0});
 }
 
 FramePtr prepare(const Source& source, const RawFrame& frame, const Eigen::Isometry3d& guess,

@@ -3,6 +3,7 @@
 #include <map>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "inputs.hpp"
 #include "lidar_camera_recalibration/frame.hpp"
@@ -22,9 +23,13 @@ class FrameStore {
   /// The first `count` frames of a source, prepared around its true extrinsic.
   Frames frames(const std::string& name, std::size_t count);
 
+  /// Points of the clouds that these frames were made from.
+  std::size_t cloudPoints(const std::string& name, std::size_t count);
+
  private:
   std::map<std::string, std::shared_ptr<const Source>> sources_;
   std::map<std::string, Frames> frames_;
+  std::map<std::string, std::vector<std::size_t>> cloud_sizes_;
 };
 
 /// `frame` prepared as on a vehicle that believes in `guess`.

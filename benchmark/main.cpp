@@ -60,8 +60,8 @@ Options parse(int& argc, char** argv) {
 
 /// Azimuth steps [deg] and numbers of beams that give about 5 k to 200 k points in the image.
 const std::vector<std::pair<int, double>> kDensities = {{16, 0.2},    {32, 0.1728}, {64, 0.1728},
-                                                        {64, 0.0864}, {64, 0.0432}, {64, 0.0216}};
-constexpr int kMaskCounts[] = {40, 100, 200, 400};
+                                                        {64, 0.0864}, {64, 0.0432}, {64, 0.0146}};
+constexpr int kMaskCounts[] = {35, 100, 200, 350};
 
 void addAll(Measurements& measurements, const Options& options) {
   std::map<std::string, std::shared_ptr<const Source>> sources;
@@ -94,6 +94,7 @@ void addAll(Measurements& measurements, const Options& options) {
     addEvaluation(measurements, store, "kitti_00", 10, {1, 2});
     for (const std::size_t frames : {1, 5}) addEvaluation(measurements, store, "kitti_00", frames, {1});
     addPreparation(measurements, store, "kitti_00", true);
+    addSideBySide(measurements, store, "kitti_00", 1);
   }
   if (store->has("drive")) {
     for (const std::size_t frames : {1, 5, 10, 50}) addEvaluation(measurements, store, "drive", frames, {1});
@@ -107,6 +108,16 @@ void addAll(Measurements& measurements, const Options& options) {
     addPreparation(measurements, store, name, false);
   }
   addPreparation(measurements, store, "large", true);
+  for (const auto& [source, frames] : {std::pair<std::string, std::size_t>("kitti_00", 10), {"drive", 50}}) {
+    if (!store->has(source)) continue;
+    for (const StartError& start : {StartError{2.5, 0.1}, {5.0, 0.2}}) {
+      for (const int threads : {1, 2}) {
+        addRecalibration(measurements, store, source, frames, start, threads);
+      }
+    }
+    addMemory(measurements, store, source, frames);
+  }
+  addMemory(measurements, store, "large", 1);
 }
 
 }  // namespace

@@ -55,6 +55,7 @@ void addSizes(const Place& place, Counters& counters) {
     masks += static_cast<double>(frame->masks.maskCount());
   }
   counters["candidates"] = kBatch;
+  counters["cloud_points"] = static_cast<double>(place.store->cloudPoints(place.source, place.frame_count));
   counters["points"] = points;
   counters["edges"] = edges;
   counters["masks_per_frame"] = masks / static_cast<double>(place.frame_count);

@@ -101,6 +101,7 @@ double crop(const Stages& s) {
   small.height /= kShrink;
   for (double* value : {&small.fx, &small.fy, &small.cx, &small.cy}) *value /= kShrink;
   small.model = DistortionModel::kNone;
+  small.distortion.clear();
   FrameConfig config = s.config;
   config.min_points = INT_MAX;
   config.min_masks = 1;

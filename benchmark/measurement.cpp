@@ -2,6 +2,7 @@
 
 #include <benchmark/benchmark.h>
 
+#include <algorithm>
 #include <exception>
 #include <memory>
 #if __has_include(<valgrind/callgrind.h>)
@@ -30,13 +31,13 @@ Prepared& prepared(const std::string& name, const std::function<Work(Counters&)>
     auto next = std::make_unique<Prepared>();
     next->name = name;
     next->work = prepare(next->counters);
-    next->work(next->counters);  // once to warm up
     current = std::move(next);
   }
   return *current;
 }
 
 void countInstructions(Prepared& measured) {
+  measured.work(measured.counters);  // what is set up once is not counted
   CALLGRIND_START_INSTRUMENTATION;
   CALLGRIND_ZERO_STATS;
   measured.work(measured.counters);
@@ -46,7 +47,8 @@ void countInstructions(Prepared& measured) {
 
 }  // namespace
 
-void Measurements::add(const std::string& name, const std::function<Work(Counters&)>& prepare) {
+void Measurements::add(const std::string& name, const std::function<Work(Counters&)>& prepare,
+                       int max_repetitions) {
   const bool count_instructions = options_.count_instructions;
   auto* const registered = benchmark::RegisterBenchmark(name.c_str(), [=](benchmark::State& state) {
     try {
@@ -64,7 +66,7 @@ void Measurements::add(const std::string& name, const std::function<Work(Counter
   if (count_instructions) {
     registered->Iterations(1);
   } else {
-    registered->MinTime(options_.min_time)->Repetitions(options_.repetitions);
+    registered->MinTime(options_.min_time)->Repetitions(std::min(options_.repetitions, max_repetitions));
   }
 }
 

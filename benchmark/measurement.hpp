@@ -27,7 +27,8 @@ class Measurements {
 
   /// @param prepare  called when the measurement is first done; what it returned is kept until the next
   /// measurement
-  void add(const std::string& name, const std::function<Work(Counters&)>& prepare);
+  /// @param max_repetitions  of something slow
+  void add(const std::string& name, const std::function<Work(Counters&)>& prepare, int max_repetitions = 100);
 
  private:
   MeasurementOptions options_;

@@ -17,4 +17,22 @@ void addEvaluation(Measurements& measurements, const std::shared_ptr<FrameStore>
 void addPreparation(Measurements& measurements, const std::shared_ptr<FrameStore>& store,
                     const std::string& source, bool stages);
 
+/// `side_by_side/...`: score and search of the paper, by this package and by the textbook.
+void addSideBySide(Measurements& measurements, const std::shared_ptr<FrameStore>& store,
+                   const std::string& source, std::size_t frames);
+
+/// How far off a recalibration starts, and its search range.
+struct StartError {
+  double rotation_deg, translation_m;
+};
+
+/// `recalibration/...`: calibrate() with the default configuration.
+void addRecalibration(Measurements& measurements, const std::shared_ptr<FrameStore>& store,
+                      const std::string& source, std::size_t frames, const StartError& start, int threads);
+
+/// `memory/...`: nothing is timed; what frames, evaluators and a calibration hold. Right only as the first
+/// measurement of a process.
+void addMemory(Measurements& measurements, const std::shared_ptr<FrameStore>& store,
+               const std::string& source, std::size_t frames);
+
 }  // namespace lidar_camera_recalibration::performance
