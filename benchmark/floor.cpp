@@ -20,6 +20,9 @@ Rows projectionMatrix(const Intrinsics& camera, const Eigen::Isometry3d& T_camer
   return (K * T_camera_lidar.matrix().topRows<3>()).cast<float>();
 }
 
+}  // namespace
+
+// Not in the nameless namespace: compilers choose among builds of visible functions only.
 FOR_THIS_MACHINE
 std::int64_t sumOfPixels(const float* x, const float* y, const float* z, std::size_t count, const float* m) {
   std::int32_t sum = 0;
@@ -31,8 +34,6 @@ std::int64_t sumOfPixels(const float* x, const float* y, const float* z, std::si
   }
   return sum;
 }
-
-}  // namespace
 
 Points pointsInView(const Frame& frame, const Eigen::Isometry3d& T_camera_lidar) {
   constexpr double kMargin = 0.06;  // of the image's height

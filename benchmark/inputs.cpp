@@ -1,6 +1,7 @@
 #include "inputs.hpp"
 
 #include <algorithm>
+#include <map>
 #include <thread>
 
 #include "dataset.hpp"
@@ -49,35 +50,25 @@ Intrinsics cameraOf(const SensorSizes& sizes) {
   return intrinsics;
 }
 
-class SimulatedFrame : public Source {
+/// A place on a simulated street at one moment.
+class StreetPlace {
  public:
-  explicit SimulatedFrame(const SensorSizes& sizes)
-      : sizes_(sizes), camera_(cameraOf(sizes)), rig_(simulation::makeRig(kSeed)) {}
+  StreetPlace()
+      : rig_(simulation::makeRig(kSeed)),
+        street_(kSeed, 2.0 * kTime * kSpeed, kSpeed),
+        scene_(street_.world()) {
+    scene_.setInterval(kTime - kSweep, kTime + kSweep);
+  }
 
-  const Camera& camera() const override { return camera_; }
-  const Eigen::Isometry3d& T_camera_lidar() const override { return rig_.T_camera_lidar; }
-  std::size_t size() const override { return 1; }
+  const simulation::Rig& rig() const { return rig_; }
 
-  RawFrame frame(std::size_t) const override {
+  RawFrame frame(const SensorSizes& sizes, const Camera& camera) {
     using namespace simulation;
-    const Street street(kSeed, 2.0 * kTime * kSpeed, kSpeed);
-    Scene scene(street.world());
-    LidarConfig lidar;
-    lidar.beams = sizes_.beams;
-    lidar.azimuth_step_deg = sizes_.azimuth_step_deg;
-    lidar.threads = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
-    scene.setInterval(kTime - lidar.sweep_duration, kTime + lidar.sweep_duration);
-
-    const auto T_world_lidar = [&](double time) { return street.egoPose(time) * rig_.T_base_lidar; };
-    const Picture picture =
-        CameraSensor(camera_, lidar.threads)
-            .take(scene, T_world_lidar(kTime) * rig_.T_camera_lidar.inverse(), kTime, kSeed);
-    std::vector<LidarReturn> sweep = LidarSensor(lidar).sweep(scene, T_world_lidar, kTime, kSeed);
-    motionCompensate(sweep, T_world_lidar, kTime);
     MaskConfig masks;
-    masks.min_masks = masks.max_masks = sizes_.masks;
-    RawFrame raw{picture.image, simulateMasks(picture, street.world().parts, masks, kSeed), {}};
-    for (const LidarReturn& r : sweep) {
+    masks.min_masks = masks.max_masks = sizes.masks;
+    const Picture& picture = pictureOf(camera);
+    RawFrame raw{picture.image, simulateMasks(picture, street_.world().parts, masks, kSeed), {}};
+    for (const LidarReturn& r : sweep(sizes)) {
       raw.cloud.points.push_back(r.point);
       raw.cloud.reflectivity.push_back(r.intensity);
       raw.cloud.ring.push_back(r.ring);
@@ -87,11 +78,57 @@ class SimulatedFrame : public Source {
 
  private:
   static constexpr std::uint64_t kSeed = 11;
-  static constexpr double kTime = 10.0, kSpeed = 8.0;  ///< [s], [m/s]
+  static constexpr double kTime = 10.0, kSweep = 0.1, kSpeed = 8.0;  ///< [s], [s], [m/s]
 
+  static int threads() { return static_cast<int>(std::max(1u, std::thread::hardware_concurrency())); }
+  Eigen::Isometry3d T_world_lidar(double time) const { return street_.egoPose(time) * rig_.T_base_lidar; }
+
+  /// Pictures take long and are the same for all clouds and masks.
+  const simulation::Picture& pictureOf(const Camera& camera) {
+    simulation::Picture& picture = pictures_[camera.intrinsics().width];
+    if (picture.image.empty()) {
+      picture = simulation::CameraSensor(camera, threads())
+                    .take(scene_, T_world_lidar(kTime) * rig_.T_camera_lidar.inverse(), kTime, kSeed);
+    }
+    return picture;
+  }
+
+  std::vector<simulation::LidarReturn> sweep(const SensorSizes& sizes) const {
+    simulation::LidarConfig config;
+    config.beams = sizes.beams;
+    config.azimuth_step_deg = sizes.azimuth_step_deg;
+    config.sweep_duration = kSweep;
+    config.threads = threads();
+    const auto pose = [this](double time) { return T_world_lidar(time); };
+    std::vector<simulation::LidarReturn> sweep =
+        simulation::LidarSensor(config).sweep(scene_, pose, kTime, kSeed);
+    motionCompensate(sweep, pose, kTime);
+    return sweep;
+  }
+
+  simulation::Rig rig_;
+  simulation::Street street_;
+  simulation::Scene scene_;
+  std::map<int, simulation::Picture> pictures_;  ///< by width
+};
+
+StreetPlace& streetPlace() {
+  static StreetPlace place;
+  return place;
+}
+
+class SimulatedFrame : public Source {
+ public:
+  explicit SimulatedFrame(const SensorSizes& sizes) : sizes_(sizes), camera_(cameraOf(sizes)) {}
+
+  const Camera& camera() const override { return camera_; }
+  const Eigen::Isometry3d& T_camera_lidar() const override { return streetPlace().rig().T_camera_lidar; }
+  std::size_t size() const override { return 1; }
+  RawFrame frame(std::size_t) const override { return streetPlace().frame(sizes_, camera_); }
+
+ private:
   SensorSizes sizes_;
   Camera camera_;
-  simulation::Rig rig_;
 };
 
 }  // namespace

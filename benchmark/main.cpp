@@ -108,7 +108,9 @@ void addAll(Measurements& measurements, const Options& options) {
     addPreparation(measurements, store, name, false);
   }
   addPreparation(measurements, store, "large", true);
-  for (const auto& [source, frames] : {std::pair<std::string, std::size_t>("kitti_00", 10), {"drive", 50}}) {
+  const std::vector<std::pair<std::string, std::size_t>> recalibrations = {
+      {"kitti_00", 10}, {"drive", 10}, {"drive", 50}};
+  for (const auto& [source, frames] : recalibrations) {
     if (!store->has(source)) continue;
     for (const StartError& start : {StartError{2.5, 0.1}, {5.0, 0.2}}) {
       for (const int threads : {1, 2}) {
