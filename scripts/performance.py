@@ -6,7 +6,7 @@
     scripts/performance.py --repetitions 1 --out /tmp/performance.md     # for a look
 
 The document's prose is written by hand; only what stands between the markers is replaced. Everything is measured anew by
-benchmark/ (build/benchmark/ keeps the raw results), but the simulated drive is kept until --fresh.
+benchmark/ (build/performance/ keeps the raw results), but the simulated drive is kept until --fresh.
 
 Machines are noisy: every figure is CPU time and the fastest of some repetitions, since noise only ever adds; beside it
 stand a floor from the same run and, by valgrind, numbers that do not depend on the load.
@@ -194,7 +194,7 @@ class Bench:
 
 
 def evaluation(bench):
-    return bench.cases('evaluation', '^evaluation/', 5)
+    return bench.cases('evaluation', '^evaluation/', 3)
 
 
 def preparation(bench):
@@ -540,7 +540,7 @@ def main():
     parser.add_argument('--fresh', action='store_true', help='simulate the drive again')
     parser.add_argument('--data', type=pathlib.Path, default=PACKAGE.parent / 'shared' / 'data',
                         help='folder of kitti_00 (default: %(default)s)')
-    parser.add_argument('--work', type=pathlib.Path, default=PACKAGE / 'build' / 'benchmark',
+    parser.add_argument('--work', type=pathlib.Path, default=PACKAGE / 'build' / 'performance',
                         help='folder for raw results and the simulated drive (default: %(default)s)')
     parser.add_argument('--programs', type=pathlib.Path, help='folder of performance_benchmark and simulate_drive')
     parser.add_argument('--out', type=pathlib.Path, default=PACKAGE / 'doc' / 'performance.md',
