@@ -318,9 +318,18 @@ def scaling_section(bench):
     return '![Cost of a candidate](images/performance_scaling.png)\n\n' + table(head, rows) + '\n' + note('1 thread')
 
 
+def use_log_axes(panel):
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+    panel.set(xscale='log', yscale='log')
+    for axis, steps in ((panel.xaxis, (1, 2, 5)), (panel.yaxis, (1,))):
+        axis.set_major_locator(LogLocator(subs=steps))
+        axis.set_minor_locator(NullLocator())
+        axis.set_major_formatter(FuncFormatter(
+            lambda value, _: '{:g} k'.format(value / 1e3) if value >= 1e3 else '{:g}'.format(value)))
+
+
 def plot_scaling(cases, densities, masks, path):
     plt = pyplot()
-    from matplotlib.ticker import FuncFormatter, NullFormatter
     figure, panels = plt.subplots(2, 2, figsize=(10, 7.2))
     colors = dict(zip(CURVES, [COLORS[0], COLORS[1], COLORS[2], '#8a8a8a', '#333333']))
     parts = [(panels[0, 0], densities, 'points', 'points in view of 1 frame'),
@@ -333,10 +342,8 @@ def plot_scaling(cases, densities, masks, path):
             panel.plot(x, [1e6 * case.per_candidate() for case in row], marker='o', color=colors[name],
                        linestyle='--' if name in (FLOOR, FLOOR_LABEL) else '-',
                        label=EVALUATIONS[name].replace('`', '').replace('*', ''))
-        panel.set(xscale='log', yscale='log', xlabel=label, ylabel='µs per candidate')
-        for axis in (panel.xaxis, panel.yaxis):
-            axis.set_major_formatter(FuncFormatter(lambda value, _: '{:g}'.format(value)))
-            axis.set_minor_formatter(NullFormatter())
+        panel.set(xlabel=label, ylabel='µs per candidate')
+        use_log_axes(panel)
     panel = panels[1, 1]
     for i, name in enumerate(('paper', 'consistency_edges')):
         row = [cases['evaluation/{}/{}'.format(name, place_of(10, threads=threads))] for threads in (1, 2)]
@@ -424,8 +431,9 @@ def plot_preparation(cases, milliseconds, whole, path):
     panel.legend(fontsize=7.5, ncol=3, loc='upper center', bbox_to_anchor=(0.45, -0.18))
     pattern = re.compile(r'preparation/density_[^/]*/makeFrame$')
     row = sorted((case for name, case in cases.items() if pattern.match(name)), key=lambda case: case['cloud'])
-    panels[1].plot([case['cloud'] / 1e3 for case in row], [1e3 * case.cpu for case in row], marker='o', color=COLORS[1])
-    panels[1].set(xscale='log', yscale='log', xlabel='points of the simulated cloud [k]', ylabel='CPU of makeFrame [ms]')
+    panels[1].plot([case['cloud'] for case in row], [1e3 * case.cpu for case in row], marker='o', color=COLORS[1])
+    panels[1].set(xlabel='points of the simulated cloud, 1241x376', ylabel='CPU of makeFrame [ms]')
+    use_log_axes(panels[1])
     figure.tight_layout()
     save(figure, path)
 
