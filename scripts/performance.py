@@ -14,6 +14,7 @@ stand a floor from the same run and, by valgrind, numbers that do not depend on 
 
 import argparse
 import collections
+import functools
 import json
 import math
 import os
@@ -224,8 +225,13 @@ def table(head, rows):
                      + ['| ' + ' | '.join(row) + ' |' for row in rows])
 
 
+@functools.lru_cache()
+def commit():
+    return describe_commit()  # when the run begins; somebody may commit during it
+
+
 def note(*words):
-    return '\n*{}*'.format('; '.join([*words, 'measured at {}.'.format(describe_commit())]))
+    return '\n*{}*'.format('; '.join([*words, 'measured at {}.'.format(commit())]))
 
 
 def number(value):
@@ -294,28 +300,31 @@ def scaling_section(bench):
     densities = [place_of(1, source) for source in sources(cases, 'density_')]
     masks = [place_of(1, source) for source in sources(cases, 'masks_')]
     groups = [
-        ('points', 'simulated, 1 frame', densities, lambda case: '{} points'.format(thousands(case['points']))),
-        ('masks', 'simulated, 1 frame', masks, lambda case: '{:.0f} masks'.format(case['masks_per_frame'])),
-        ('frames', 'simulated drive', [place_of(frames, 'drive') for frames in DRIVE_FRAMES], None),
-        ('frames', 'kitti_00', [place_of(frames) for frames in KITTI_FRAMES], None),
+        ('simulated, 1 frame', densities, lambda case: '{} points'.format(thousands(case['points']))),
+        ('simulated, 1 frame', masks, lambda case: '{:.0f} masks'.format(case['masks_per_frame'])),
+        ('simulated drive', [place_of(frames, 'drive') for frames in DRIVE_FRAMES], None),
+        ('kitti_00', [place_of(frames) for frames in KITTI_FRAMES], None),
     ]
     rows = []
-    for group, data, places, label in groups:
-        for i, place in enumerate(places):
+    for data, places, label in groups:
+        for place in places:
             row_cases = [cases['evaluation/{}/{}'.format(name, place)] for name in CURVES]
-            text = label(row_cases[0]) if label else place.split('/')[1].replace('frames:', '') + ' frames'
+            count = place.split('/')[1].replace('frames:', '')
+            text = label(row_cases[0]) if label else count + (' frame' if count == '1' else ' frames')
             rows.append(['{}: {}'.format(data, text), thousands(row_cases[0]['points']), thousands(row_cases[0]['edges'])]
                         + ['{} / {}'.format(number(1e6 * case.per_candidate()), number(case.per_point()))
                            for case in row_cases])
+    threads = []
     for objective in ('paper', 'consistency_edges'):
-        one, two = (cases['evaluation/{}/{}'.format(objective, place_of(10, threads=threads))] for threads in (1, 2))
-        rows.append(['kitti_00, 10 frames, 2 threads, `{}`: wall time {} of that of 1 thread, CPU time {}'.format(
-            objective, number(two.wall / one.wall), number(two.cpu / one.cpu))] + [''] * (2 + len(CURVES)))
+        one, two = (cases['evaluation/{}/{}'.format(objective, place_of(10, threads=count))] for count in (1, 2))
+        threads.append('- 2 threads instead of 1, kitti_00, 10 frames, `{}`: {} of the wall time, {} of the CPU time'.format(
+            objective, number(two.wall / one.wall), number(two.cpu / one.cpu)))
     plot_scaling(cases, densities, masks, bench.images / 'performance_scaling.png')
     head = ['µs per candidate / ns per point in view', 'points in view', 'edges'] + [
         EVALUATIONS[name].replace('`consistency_edges`, ', '') if name == 'edge_score' else EVALUATIONS[name]
         for name in CURVES]
-    return '![Cost of a candidate](images/performance_scaling.png)\n\n' + table(head, rows) + '\n' + note('1 thread')
+    return '![Cost of a candidate](images/performance_scaling.png)\n\n' + table(head, rows) + '\n\n' + '\n'.join(
+        threads) + '\n' + note('1 thread where nothing else is said')
 
 
 def use_log_axes(panel):
@@ -557,6 +566,7 @@ def main():
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     sections = collections.OrderedDict((name, section) for name, section in SECTIONS.items()
                                        if name in (arguments.only or SECTIONS))
+    commit()
     missing = write_sections('performance.py', sections, Bench(arguments), arguments.out)
     if missing:
         sys.exit('\n'.join(missing))
