@@ -103,6 +103,7 @@ void addMemory(Measurements& measurements, const std::shared_ptr<FrameStore>& st
         resetPeak();
         const StartError start{2.5, 0.1};
         calibrate(frames, startFrom(from, start), configOf(start, 2));
+        counters["process_without_frames"] = before;
         counters["process_with_frames"] = with_frames;
         counters["peak_of_calibration"] = statusBytes("VmHWM");
         return [](Counters&) {};

@@ -397,7 +397,7 @@ def preparation_section(bench):
     def add(label, of_place, instruction_count, byte_count):
         rows.append([label] + [text for place in PLACES for text in
                                (number(of_place[place]), number(of_place[place] / (1e3 * floor[place].cpu)))]
-                    + [number(instruction_count / 1e6), number(byte_count / 1e6)])
+                    + [number(instruction_count / 1e6), number(byte_count / 1e6) if byte_count > 0 else '-'])
 
     total = counts['preparation/kitti_00/makeFrame']
     for stage, (label, _) in STAGES.items():
@@ -472,10 +472,10 @@ def memory_section(bench):
         source, frames = name.split('/')[1:3]
         rows.append([source, frames.replace('frames:', '')] + ['{:.1f}'.format(case[key] / 1e6) for key in (
             'memory_use_per_frame', 'resident_per_frame', 'evaluator_paper', 'evaluator_consistency_edges',
-            'process_with_frames', 'peak_of_calibration')])
+            'process_without_frames', 'process_with_frames', 'peak_of_calibration')])
     return table(['[MB]', 'frames', 'a frame, as it counts itself', 'a frame, as the system counts it',
-                  'evaluator `paper`', 'evaluator `consistency_edges`', 'process with its frames',
-                  'peak of a recalibration'], rows) + '\n' + note('resident memory; libraries are about 100 MB of it')
+                  'evaluator `paper`', 'evaluator `consistency_edges`', 'process without its frames', 'with them',
+                  'peak of a recalibration'], rows) + '\n' + note('resident memory, libraries included')
 
 
 # --- side by side ----------------------------------------------------------------------------------------------------
