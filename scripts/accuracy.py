@@ -18,8 +18,10 @@ import shutil
 import subprocess
 import sys
 
-PACKAGE = pathlib.Path(__file__).resolve().parent.parent
-BEGIN, END = '<!-- accuracy.py: begin {} -->', '<!-- accuracy.py: end {} -->'
+from document import (COLORS, Missing, PACKAGE, call, describe_commit, find_programs, markers, pyplot, save,
+                      write_sections)
+
+BEGIN, END = markers('accuracy.py')
 
 # --- what is measured: change it here --------------------------------------------------------------------------------
 
@@ -55,7 +57,6 @@ AXES = {'rx': 'pitch (about x)', 'ry': 'yaw (about y)', 'rz': 'roll (about z)',
 
 START_TEXT = {'E1': '±1°, ±5 cm', 'E2': '±2.5°, ±10 cm', 'E3': '±5°, ±20 cm'}
 
-
 # Masks by sam_masks: label, name, parameters, methods that are measured with them.
 MASKS = [
     ('onnx (MobileSAM)', 'onnx', {'backend': 'onnx', 'threads': 1}, [METHOD, PAPER]),
@@ -65,10 +66,6 @@ MASKS = [
 ]
 
 
-class Missing(Exception):
-    """A dataset is not there."""
-
-
 # --- running ---------------------------------------------------------------------------------------------------------
 
 class Bench:
@@ -76,7 +73,7 @@ class Bench:
 
     def __init__(self, arguments):
         self.arguments = arguments
-        self.programs = find_programs(arguments.programs)
+        self.programs = find_programs(arguments.programs, 'evaluate')
         self.work = arguments.work
         self.work.mkdir(parents=True, exist_ok=True)
         self.images = arguments.out.parent / 'images'
@@ -195,29 +192,6 @@ def read_json(path):
 def forget(path):
     if path.exists():
         path.unlink()
-
-
-def call(command):
-    command = [str(word) for word in command]
-    print('$ ' + ' '.join("'{}'".format(word) if ' ' in word else word for word in command), flush=True)
-    subprocess.run(command, check=True)
-
-
-def find_programs(given):
-    package = PACKAGE / 'build' / 'devel' / 'lib' / 'lidar_camera_recalibration'
-    places = [given] if given else [package, *PACKAGE.parents[1].glob('devel/lib/lidar_camera_recalibration')]
-    for place in places:
-        if (place / 'evaluate').is_file():
-            return place
-    sys.exit('evaluate is not built; build the package first, or name the folder of the programs with --programs')
-
-
-def describe_commit():
-    try:
-        return subprocess.run(['git', '-C', str(PACKAGE), 'describe', '--always', '--dirty=+'], check=True,
-                              stdout=subprocess.PIPE, universal_newlines=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return 'unknown'
 
 
 # --- tables ----------------------------------------------------------------------------------------------------------
@@ -544,27 +518,6 @@ def bars_section(bench):
 
 # --- plots -----------------------------------------------------------------------------------------------------------
 
-COLORS = ['#c1440e', '#1f5a94', '#2f8f57', '#8a5aa8']
-
-
-def pyplot():
-    import matplotlib
-    matplotlib.use('Agg')
-    from matplotlib import pyplot as plt
-    plt.rcParams.update({'font.size': 10, 'axes.spines.top': False, 'axes.spines.right': False, 'axes.grid': True,
-                         'grid.color': '#dddddd', 'grid.linewidth': 0.6, 'axes.axisbelow': True,
-                         'legend.frameon': False, 'lines.linewidth': 1.8})
-    return plt
-
-
-def save(figure, path):
-    from PIL import Image  # comes with matplotlib
-    figure.savefig(str(path), dpi=110, bbox_inches='tight')
-    pyplot().close(figure)
-    Image.open(str(path)).convert('RGB').quantize(96).save(str(path), optimize=True)  # a third of the size
-    print('written:', path)
-
-
 def plot_basin(rates, path):
     plt = pyplot()
     figure, panels = plt.subplots(1, len(rates), figsize=(9.5, 3.6), sharey=True)
@@ -644,32 +597,6 @@ SECTIONS = collections.OrderedDict([
     ('slices', slices_section), ('masks', masks_section), ('others', others_section)])
 
 
-def replace(document, name, text, path):
-    begin, end = BEGIN.format(name), END.format(name)
-    if document.count(begin) != 1 or document.count(end) != 1:
-        sys.exit('{}: the lines "{}" and "{}" must be there once; put them where the section belongs'.format(
-            path, begin, end))
-    before, rest = document.split(begin)
-    return before + begin + '\n' + text + '\n' + end + rest.split(end)[1]
-
-
-def write_sections(bench, names, out):
-    template = PACKAGE / 'doc' / 'accuracy.md'
-    if not out.exists():
-        shutil.copy(str(template), str(out))
-    missing = []
-    for name in names:
-        print('--- section', name, flush=True)
-        try:
-            text = SECTIONS[name](bench)
-        except Missing as reason:
-            missing.append('section {} is left as it was: {}'.format(name, reason))
-            continue
-        out.write_text(replace(out.read_text(), name, text, out))
-    print('written:', out)
-    return missing
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--only', nargs='+', choices=list(SECTIONS), metavar='SECTION',
@@ -687,8 +614,9 @@ def main():
                         help='the document; one that does not exist starts as a copy (default: %(default)s)')
     arguments = parser.parse_args()
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    missing = write_sections(Bench(arguments), [name for name in SECTIONS if name in (arguments.only or SECTIONS)],
-                             arguments.out)
+    sections = collections.OrderedDict((name, section) for name, section in SECTIONS.items()
+                                       if name in (arguments.only or SECTIONS))
+    missing = write_sections('accuracy.py', sections, Bench(arguments), arguments.out)
     if missing:
         sys.exit('\n'.join(missing))
 

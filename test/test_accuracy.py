@@ -40,6 +40,7 @@ def errors(median):
 
 
 def load_script():
+    sys.path.insert(0, str(SCRIPT.parent))  # for what the scripts share
     spec = importlib.util.spec_from_file_location('accuracy', str(SCRIPT))
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

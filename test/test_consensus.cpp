@@ -4,12 +4,15 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
+#include <numeric>
 #include <random>
+#include <stdexcept>
 
 #include "confidence.hpp"
 #include "consensus.hpp"
 #include "dataset.hpp"
 #include "lidar_camera_recalibration/calibrator.hpp"
+#include "parallel.hpp"
 #include "synthetic_scene.hpp"
 
 namespace lidar_camera_recalibration {
@@ -176,7 +179,7 @@ class BellWorld : public testing::Test {
   }
 
   Eigen::Isometry3d joint() const { return search.refine(objective, frames, start, nullptr).T_camera_lidar; }
-  Consensus consensus() const { return findConsensus(search, objective, frames, joint(), nullptr); }
+  Consensus consensus() const { return findConsensus(search, objective, frames, joint(), 1, nullptr); }
 
   std::mt19937 random{3};
   std::normal_distribution<double> normal;
@@ -235,7 +238,7 @@ TEST_F(BellWorld, ProgressRisesAndCancels) {
   const Eigen::Isometry3d from = joint();
   double last = 0.0;
   int calls = 0;
-  findConsensus(search, objective, frames, from, [&](double fraction, double) {
+  findConsensus(search, objective, frames, from, 1, [&](double fraction, double) {
     EXPECT_GE(fraction, last);
     EXPECT_LE(fraction, 1.0);
     last = fraction;
@@ -246,9 +249,53 @@ TEST_F(BellWorld, ProgressRisesAndCancels) {
   for (int stop = 1; stop <= calls; ++stop) {
     int count = 0;
     const Consensus cancelled =
-        findConsensus(search, objective, frames, from, [&](double, double) { return ++count < stop; });
+        findConsensus(search, objective, frames, from, 1, [&](double, double) { return ++count < stop; });
     EXPECT_TRUE(cancelled.cancelled);
     EXPECT_EQ(count, stop) << "nothing is done after it";
+  }
+}
+
+TEST_F(BellWorld, ThreadsDoNotChangeTheResult) {
+  addGood(9);
+  addBad(2.0);
+  const Consensus one = findConsensus(search, objective, frames, joint(), 1, nullptr);
+  const Uncertainty sure = estimateUncertainty(search, objective, frames, joint(), 1, nullptr);
+  for (const int threads : {2, 5, 50}) {
+    const Consensus several = findConsensus(search, objective, frames, joint(), threads, nullptr);
+    EXPECT_EQ(several.T_camera_lidar.matrix(), one.T_camera_lidar.matrix()) << threads;
+    EXPECT_EQ(several.left_out, one.left_out) << threads;
+    EXPECT_EQ(several.evaluations, one.evaluations) << threads;
+    const Uncertainty uncertainty = estimateUncertainty(search, objective, frames, joint(), threads, nullptr);
+    EXPECT_EQ(*uncertainty.covariance, *sure.covariance) << threads;
+    EXPECT_EQ(uncertainty.evaluations, sure.evaluations) << threads;
+  }
+}
+
+TEST_F(BellWorld, SeveralThreadsCanBeCancelled) {
+  addGood(40);
+  for (int stop = 1; stop <= 3; ++stop) {
+    int count = 0;
+    const Progress progress = [&](double, double) { return ++count < stop; };
+    if (!estimateUncertainty(search, objective, frames, joint(), 3, progress).cancelled) {
+      EXPECT_LT(count, stop) << "the other threads were so fast that the caller's was not asked again";
+    }
+  }
+}
+
+TEST(ParallelFor, ThrowsTheFailureOfTheLowestIndex) {
+  for (const std::size_t workers : {1u, 2u, 7u}) {
+    std::vector<int> done(100, 0);
+    try {
+      parallelFor(done.size(), workers, [&](std::size_t, std::size_t i) {
+        done[i] = 1;
+        if (i >= 20) throw std::runtime_error(std::to_string(i));
+      });
+      ADD_FAILURE() << "nothing thrown";
+    } catch (const std::runtime_error& error) {
+      EXPECT_STREQ(error.what(), "20");
+    }
+    EXPECT_EQ(std::accumulate(done.begin(), done.begin() + 20, 0), 20);
+    EXPECT_LE(std::accumulate(done.begin(), done.end(), 0), 20 + static_cast<int>(workers)) << "work ends";
   }
 }
 
@@ -270,7 +317,7 @@ class Covariance : public BellWorld, public testing::WithParamInterface<Case> {
  protected:
   Uncertainty estimate(const Progress& progress = nullptr) const {
     const Search& chosen = GetParam().exact ? search : random_search;
-    return estimateUncertainty(chosen, objective, frames, joint(), progress);
+    return estimateUncertainty(chosen, objective, frames, joint(), 1, progress);
   }
 
   RandomSearch random_search{wishes};
@@ -320,9 +367,9 @@ INSTANTIATE_TEST_SUITE_P(Frames, Covariance,
 
 TEST_F(BellWorld, FewerThanFiveFramesHaveNoCovariance) {
   addGood(4);
-  EXPECT_FALSE(estimateUncertainty(search, objective, frames, joint(), nullptr).covariance);
+  EXPECT_FALSE(estimateUncertainty(search, objective, frames, joint(), 1, nullptr).covariance);
   addGood(1);
-  EXPECT_TRUE(estimateUncertainty(search, objective, frames, joint(), nullptr).covariance);
+  EXPECT_TRUE(estimateUncertainty(search, objective, frames, joint(), 1, nullptr).covariance);
 }
 
 TEST_F(BellWorld, AnOptimumStandsOutAndASlopeDoesNot) {

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
+#include <numeric>
 #include <opencv2/imgproc.hpp>
 #include <random>
 #include <set>
@@ -299,28 +300,49 @@ std::vector<Border> uprightLine(float u) {
   return borders;
 }
 
+PixelBlock onePixel(float u, float v) {
+  PixelBlock pixels;
+  pixels.u[0] = u;
+  pixels.v[0] = v;
+  return pixels;
+}
+
+float closenessAt(const BoundaryField& field, BoundaryField::Direction direction, std::size_t level, float u,
+                  float v) {
+  Block<float> result;
+  field.closeness(direction, level, onePixel(u, v), 1, result);
+  return result[0];
+}
+
+const BoundaryField::Line* nearestTo(const BoundaryField& field, BoundaryField::Direction direction, float u,
+                                     float v) {
+  Block<std::int32_t> result;
+  field.nearest(direction, onePixel(u, v), 1, result);
+  return result[0] < 0 ? nullptr : &field.lines(direction)[static_cast<std::size_t>(result[0])];
+}
+
 TEST(BoundaryField, NearestAndCloseness) {
   const double fx = 300.0;
   const BoundaryField field(uprightLine(100.25f), {200, 160}, fx);
-  const Border* nearest = field.nearest(BoundaryField::kUpright, 93.25f, 80.3f);
+  const BoundaryField::Line* nearest = nearestTo(field, BoundaryField::kUpright, 93.25f, 80.3f);
   ASSERT_NE(nearest, nullptr);
   EXPECT_FLOAT_EQ(nearest->u, 100.25f);
   EXPECT_FLOAT_EQ(nearest->v, 80.0f);
-  EXPECT_EQ(field.nearest(BoundaryField::kUpright, 199.5f, 80.0f), nullptr) << "outside";
-  EXPECT_EQ(field.nearest(BoundaryField::kUpright, std::nanf(""), 80.0f), nullptr);
-  EXPECT_EQ(field.nearest(BoundaryField::kLevel, 93.0f, 80.0f), nullptr) << "no border of this kind";
-  EXPECT_EQ(field.closeness(BoundaryField::kLevel, 1, 93.0f, 80.0f), 0.0f);
+  EXPECT_EQ(nearestTo(field, BoundaryField::kUpright, 199.5f, 80.0f), nullptr) << "outside";
+  EXPECT_EQ(nearestTo(field, BoundaryField::kUpright, std::nanf(""), 80.0f), nullptr);
+  EXPECT_EQ(nearestTo(field, BoundaryField::kLevel, 93.0f, 80.0f), nullptr) << "no border of this kind";
+  EXPECT_EQ(closenessAt(field, BoundaryField::kLevel, 1, 93.0f, 80.0f), 0.0f);
   // A line blurred over 5 sigma has 1 / sqrt(26) of its height left.
   for (std::size_t level = 0; level < kScoreLevels; ++level) {
     const double sigma = fx * kBoundaryWidths[level] * kDegree, base = 1.0 / std::sqrt(26.0);
     for (const double d : {0.0, 3.0, -7.0}) {
       const double expected =
           std::exp(-0.5 * d * d / (sigma * sigma)) - base * std::exp(-0.5 * d * d / (26.0 * sigma * sigma));
-      EXPECT_NEAR(field.closeness(BoundaryField::kUpright, level, static_cast<float>(100.25 + d), 80.0f),
+      EXPECT_NEAR(closenessAt(field, BoundaryField::kUpright, level, static_cast<float>(100.25 + d), 80.0f),
                   expected, 0.08)
           << level << ", " << d;
     }
-    EXPECT_EQ(field.closeness(BoundaryField::kUpright, level, -3.0f, 80.0f), 0.0f);
+    EXPECT_EQ(closenessAt(field, BoundaryField::kUpright, level, -3.0f, 80.0f), 0.0f);
   }
 }
 
@@ -330,8 +352,8 @@ TEST(BoundaryField, SmallerImagesOfWideBordersAreInPlace) {
   const BoundaryField field(uprightLine(100.25f), {203, 161}, fx);
   for (std::size_t level = 0; level < kScoreLevels; ++level) {
     for (const float d : {2.0f, 5.0f, 9.0f}) {
-      EXPECT_NEAR(field.closeness(BoundaryField::kUpright, level, 100.25f + d, 80.0f),
-                  field.closeness(BoundaryField::kUpright, level, 100.25f - d, 80.0f), 0.03)
+      EXPECT_NEAR(closenessAt(field, BoundaryField::kUpright, level, 100.25f + d, 80.0f),
+                  closenessAt(field, BoundaryField::kUpright, level, 100.25f - d, 80.0f), 0.03)
           << level << ", " << d;
     }
   }
@@ -352,7 +374,10 @@ TEST(BoundaryField, ManyBorders) {
     }
   }
   const BoundaryField field(borders, {300, 300}, 300.0);
-  EXPECT_EQ(field.nearest(BoundaryField::kUpright, 298.8f, 299.0f)->pixel, cv::Point(299, 299));
+  const BoundaryField::Line* nearest = nearestTo(field, BoundaryField::kUpright, 298.8f, 299.0f);
+  ASSERT_NE(nearest, nullptr);
+  EXPECT_EQ(nearest->u, 299.0f);
+  EXPECT_EQ(nearest->v, 299.0f);
 }
 
 // Masks and classes that are the same thing tell everything about each other; shifted ones less, and masks
@@ -377,10 +402,13 @@ TEST(RegionInformation, IsOneForTheSameAndNoneForUnrelatedRegions) {
     return frame;
   };
   std::vector<std::uint32_t> all(2500);
-  for (std::uint32_t i = 0; i < all.size(); ++i) all[i] = i;
+  std::iota(all.begin(), all.end(), 0u);
   const auto information = [&](const cv::Mat& labels) {
     std::size_t used = 0;
-    const double result = regionInformation(frameWith(labels), all, Eigen::Isometry3d::Identity(), used);
+    const Frame frame = frameWith(labels);
+    const Projection project(frame.camera.intrinsics(), Eigen::Isometry3d::Identity());
+    const double result =
+        RegionInformation()(frame.masks, ClassifiedPoints(frame.points, all), project, used);
     EXPECT_EQ(used, all.size());
     return result;
   };

@@ -1,12 +1,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <map>
 #include <numeric>
 #include <random>
 
-#include "../src/core/paper_objective.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
+#include "plain_scores.hpp"
 
 namespace lidar_camera_recalibration {
 namespace {
@@ -15,15 +14,6 @@ ObjectiveConfig paperConfig() {
   ObjectiveConfig config;
   config.objective = "paper";
   return config;
-}
-
-/// F_N as the paper prints it: the double loop over all pairs.
-double naiveNormalConsistency(const std::vector<Eigen::Vector3f>& normals) {
-  double sum = 0.0;
-  for (const auto& a : normals) {
-    for (const auto& b : normals) sum += std::abs(a.cast<double>().dot(b.cast<double>()));
-  }
-  return sum / static_cast<double>(normals.size() * normals.size());
 }
 
 double binnedNormalConsistency(std::vector<Eigen::Vector3f> normals) {
@@ -79,7 +69,7 @@ TEST(PaperObjective, NormalConsistencyIsCloseToTheDoubleLoop) {
       const Eigen::Vector3f& mean = trial % 3 == 1 && i % 2 ? b : a;
       normals.push_back((mean + noise * randomUnit(random)).normalized() * (i % 5 ? 1.0f : -1.0f));
     }
-    const double error = naiveNormalConsistency(normals) - binnedNormalConsistency(normals);
+    const double error = plainNormalConsistency(normals) - binnedNormalConsistency(normals);
     EXPECT_GE(error, -1e-5) << "the bins are a lower bound";
     EXPECT_LT(error, 2e-2);
     error_sum += error;
@@ -131,59 +121,11 @@ struct RandomFrame {
   }
 };
 
-/// The score as the paper defines it, with a vector of points per mask.
-Score naiveScore(const std::vector<RandomFrame>& frames, const Eigen::Isometry3d& T,
-                 Eigen::Vector3d weights) {
-  Score score;
-  double total = 0.0;
-  for (const RandomFrame& f : frames) {
-    const FramePoints& p = f.frame->points;
-    std::map<int, std::vector<std::size_t>> points_of_mask;
-    for (std::size_t i = 0; i < p.size(); ++i) {
-      const auto pixel = f.frame->camera.project(T * Eigen::Vector3d(p.x[i], p.y[i], p.z[i]));
-      if (!pixel) continue;
-      const int u = static_cast<int>(std::lround(pixel->x())), v = static_cast<int>(std::lround(pixel->y()));
-      if (u < 0 || v < 0 || u >= RandomFrame::kWidth || v >= RandomFrame::kHeight) continue;
-      std::size_t hits = 0;
-      for (const cv::Mat& layer : f.layers) {
-        if (layer.at<int>(v, u) == 0) continue;
-        points_of_mask[layer.at<int>(v, u)].push_back(i);
-        ++hits;
-      }
-      score.points += hits > 0;
-    }
-    Eigen::Vector3d w = weights;
-    if (!p.hasReflectivity()) w.x() = 0.0;
-    w /= w.sum();
-    for (const auto& [mask, indices] : points_of_mask) {
-      const double n = static_cast<double>(indices.size());
-      double mean = 0.0, variance = 0.0;
-      std::vector<Eigen::Vector3f> normals;
-      std::map<int, std::uint32_t> classes;
-      for (const std::size_t i : indices) {
-        const Eigen::Vector3f normal(p.nx[i], p.ny[i], p.nz[i]);
-        if (normal.norm() > 0.5f) normals.push_back(normal);
-        if (p.segment[i] >= 0) ++classes[p.segment[i]];
-        if (p.hasReflectivity()) mean += p.reflectivity[i] / n;
-      }
-      for (const std::size_t i : indices) {
-        if (p.hasReflectivity()) variance += std::pow(p.reflectivity[i] - mean, 2) / n;
-      }
-      std::vector<std::uint32_t> counts;
-      for (const auto& [id, count] : classes) counts.push_back(count);
-      const double F_R = p.hasReflectivity() ? 1.0 - std::sqrt(variance) : 0.0;
-      const double F_N = normals.empty() ? 0.0 : naiveNormalConsistency(normals);
-      const double F_S = segmentConsistency(counts);
-      score.total += n * w.dot(Eigen::Vector3d(F_R, F_N, F_S)) * std::max(0.0, 1.0 - 1.5 * std::pow(n, -0.4));
-      score.reflectivity += n * F_R;
-      score.normal += n * F_N;
-      score.segment += n * F_S;
-      total += n;
-      ++score.masks;
-    }
-  }
-  for (double* mean : {&score.total, &score.reflectivity, &score.normal, &score.segment}) *mean /= total;
-  return score;
+Score plainScore(const std::vector<RandomFrame>& frames, const Eigen::Isometry3d& T,
+                 const Eigen::Vector3d& weights) {
+  Frames all;
+  for (const RandomFrame& f : frames) all.push_back(f.frame);
+  return plainPaperScore(all, T, weights);
 }
 
 void expectNear(const Score& a, const Score& b, double normal_tolerance) {
@@ -201,7 +143,7 @@ Eigen::Isometry3d tilt(double angle) {
   return exp(xi);
 }
 
-TEST(PaperObjective, ScoreMatchesTheNaiveImplementation) {
+TEST(PaperObjective, ScoreMatchesThePlainFormulas) {
   const std::vector<RandomFrame> frames = {RandomFrame(1), RandomFrame(2)};
   ObjectiveConfig config = paperConfig();
   config.weight_reflectivity = 0.5;
@@ -209,16 +151,16 @@ TEST(PaperObjective, ScoreMatchesTheNaiveImplementation) {
   config.weight_segment = 0.3;
   const auto evaluator = makeObjective(config)->evaluator({frames[0].frame, frames[1].frame}, {});
   for (const double angle : {0.0, 0.03, -0.1}) {
-    const Score naive = naiveScore(frames, tilt(angle), {0.5, 0.2, 0.3});
-    ASSERT_GT(naive.points, 200u);
-    expectNear((*evaluator)(tilt(angle)), naive, 5e-3);
+    const Score plain = plainScore(frames, tilt(angle), {0.5, 0.2, 0.3});
+    ASSERT_GT(plain.points, 200u);
+    expectNear((*evaluator)(tilt(angle)), plain, 5e-3);
   }
 }
 
 TEST(PaperObjective, WithoutReflectivityItsWeightIsSharedOut) {
   const std::vector<RandomFrame> frames = {RandomFrame(4, false)};
   const auto evaluator = makeObjective(paperConfig())->evaluator({frames[0].frame}, {});
-  expectNear((*evaluator)(tilt(0.02)), naiveScore(frames, tilt(0.02), Eigen::Vector3d::Constant(1.0 / 3.0)),
+  expectNear((*evaluator)(tilt(0.02)), plainScore(frames, tilt(0.02), Eigen::Vector3d::Constant(1.0 / 3.0)),
              5e-3);
 }
 
@@ -260,7 +202,7 @@ TEST(PaperObjective, ScoresOnlyPointsInViewUnderAllGivenExtrinsics) {
   expected[0].frame = std::make_shared<Frame>(*frames[0].frame);
   expected[0].frame->points = kept;
   const auto evaluator = makeObjective(paperConfig())->evaluator({frames[0].frame}, {tilt(0.1), tilt(-0.1)});
-  expectNear((*evaluator)(tilt(0.0)), naiveScore(expected, tilt(0.0), Eigen::Vector3d::Constant(1.0 / 3.0)),
+  expectNear((*evaluator)(tilt(0.0)), plainScore(expected, tilt(0.0), Eigen::Vector3d::Constant(1.0 / 3.0)),
              5e-3);
 }
 

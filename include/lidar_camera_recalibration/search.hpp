@@ -41,7 +41,7 @@ class Search {
   virtual SearchResult run(const Objective& objective, const Frames& frames, const Eigen::Isometry3d& start,
                            const SearchRange& range, const Progress& progress) const = 0;
   /// Only the last, local part, from a start that is already good. Used to measure how far the result
-  /// scatters.
+  /// scatters. Works on the caller's thread, so that several can run side by side.
   virtual SearchResult refine(const Objective& objective, const Frames& frames,
                               const Eigen::Isometry3d& start, const Progress& progress) const = 0;
   /// Whether refine ends at the optimum itself, so that a frame more or less moves its result as it moves the

@@ -6,6 +6,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "lidar_camera_recalibration/extrinsic.hpp"
+#include "multiversion.hpp"
 
 namespace lidar_camera_recalibration {
 namespace {
@@ -47,6 +48,63 @@ cv::Mat closenessImage(const cv::Mat& distance, double sigma) {
   return stored;
 }
 
+/// For bilinear interpolation of a block.
+struct Corners {
+  Block<std::int32_t> index;  ///< of the upper left one
+  Block<float> a, b;          ///< how far to the right and down
+  Block<float> scale;         ///< of the result; 0 outside of the image
+};
+
+/// To 0..most, also what is not a number.
+inline float clamped(float value, float most) {
+  const float positive = value > 0.0f ? value : 0.0f;
+  return positive < most ? positive : most;
+}
+
+LCR_MULTIVERSION void findCorners(const float* u, const float* v, std::size_t count, float shrink,
+                                  const cv::Size size, Corners& __restrict corners) {
+  const auto right = static_cast<float>(size.width - 1), bottom = static_cast<float>(size.height - 1);
+  const float last_u = std::nextafter(right, 0.0f), last_v = std::nextafter(bottom, 0.0f);
+  const float scale = 1.0f / shrink;
+  for (std::size_t i = 0; i < count; ++i) {
+    const float pu = (u[i] + 0.5f) * scale - 0.5f, pv = (v[i] + 0.5f) * scale - 0.5f;
+    const bool inside = (pu >= 0.0f) & (pv >= 0.0f) & (pu < right) & (pv < bottom);
+    corners.scale[i] = inside ? 1.0f / kClosenessScale : 0.0f;
+    const float safe_u = clamped(pu, last_u), safe_v = clamped(pv, last_v);
+    const auto left = static_cast<std::int32_t>(safe_u), top = static_cast<std::int32_t>(safe_v);
+    corners.index[i] = top * size.width + left;
+    corners.a[i] = safe_u - static_cast<float>(left);
+    corners.b[i] = safe_v - static_cast<float>(top);
+  }
+}
+
+/// @param values  four signed bytes each: upper left, upper right, lower left, lower right
+LCR_MULTIVERSION void interpolate(const std::uint32_t* values, const Corners& corners, std::size_t count,
+                                  float* __restrict result) {
+  const auto byte = [](std::uint32_t value, int shift) {
+    return static_cast<float>(static_cast<std::int32_t>(value << shift) >> 24);
+  };
+  for (std::size_t i = 0; i < count; ++i) {
+    const float upper_left = byte(values[i], 24), upper_right = byte(values[i], 16);
+    const float lower_left = byte(values[i], 8), lower_right = byte(values[i], 0);
+    const float upper = upper_left + corners.a[i] * (upper_right - upper_left);
+    const float lower = lower_left + corners.a[i] * (lower_right - lower_left);
+    result[i] = (upper + corners.b[i] * (lower - upper)) * corners.scale[i];
+  }
+}
+
+/// The nearest pixel of each, as index; -1 outside of the image.
+LCR_MULTIVERSION void findPixels(const float* u, const float* v, std::size_t count, const cv::Size size,
+                                 std::int32_t* __restrict result) {
+  const auto right = static_cast<float>(size.width - 1), bottom = static_cast<float>(size.height - 1);
+  for (std::size_t i = 0; i < count; ++i) {
+    const bool inside = (u[i] >= 0.0f) & (v[i] >= 0.0f) & (u[i] <= right) & (v[i] <= bottom);
+    const auto column = static_cast<std::int32_t>(inside ? u[i] + 0.5f : 0.0f);
+    const auto row = static_cast<std::int32_t>(inside ? v[i] + 0.5f : 0.0f);
+    result[i] = inside ? row * size.width + column : -1;
+  }
+}
+
 }  // namespace
 
 BoundaryField::BoundaryField(const std::vector<Border>& borders, const cv::Size& size, double fx)
@@ -75,12 +133,13 @@ BoundaryField::Channel BoundaryField::makeChannel(std::vector<Border> borders, c
     border_of_label[static_cast<std::size_t>(label.at<int>(borders[i].pixel))] = static_cast<int>(i);
   }
   for (int v = 0; v < size.height; ++v) {
+    auto* const nearest = label.ptr<int>(v);
+    auto* const from_nearest = distance.ptr<float>(v);
     for (int u = 0; u < size.width; ++u) {
-      int& nearest = label.at<int>(v, u);
-      nearest = border_of_label[static_cast<std::size_t>(nearest)];
-      const Border& border = borders[static_cast<std::size_t>(nearest)];
-      distance.at<float>(v, u) =
-          std::hypot(static_cast<float>(u) - border.u, static_cast<float>(v) - border.v);
+      nearest[u] = border_of_label[static_cast<std::size_t>(nearest[u])];
+      const Border& border = borders[static_cast<std::size_t>(nearest[u])];
+      const float du = static_cast<float>(u) - border.u, dv = static_cast<float>(v) - border.v;
+      from_nearest[u] = std::sqrt(du * du + dv * dv);
     }
   }
   Channel channel;
@@ -92,43 +151,58 @@ BoundaryField::Channel BoundaryField::makeChannel(std::vector<Border> borders, c
   for (std::size_t level = 0; level < kScoreLevels; ++level) {
     channel.closeness[level] = closenessImage(distance, widthInPixels(level, fx));
   }
-  channel.borders = std::move(borders);
+  channel.lines.reserve(borders.size());
+  for (const Border& border : borders) channel.lines.push_back({border.u, border.v, border.nu, border.nv});
   return channel;
 }
 
-float BoundaryField::closeness(Direction direction, std::size_t level, float u, float v) const {
+void BoundaryField::closeness(Direction direction, std::size_t level, const PixelBlock& pixels,
+                              std::size_t count, Block<float>& result) const {
   const cv::Mat& field = channels_[direction].closeness[level];
-  const float shrink = shrink_[level];
-  const float pu = (u + 0.5f) / shrink - 0.5f, pv = (v + 0.5f) / shrink - 0.5f;
-  if (!(pu >= 0.0f && pv >= 0.0f && pu < static_cast<float>(field.cols - 1) &&
-        pv < static_cast<float>(field.rows - 1))) {
-    return 0.0f;
+  if (field.cols < 2 || field.rows < 2) {
+    std::fill_n(result.begin(), count, 0.0f);
+    return;
   }
-  const int left = static_cast<int>(pu), top = static_cast<int>(pv);
-  const float a = pu - static_cast<float>(left), b = pv - static_cast<float>(top);
-  const auto* upper_row = field.ptr<std::int8_t>(top) + left;
-  const auto* lower_row = field.ptr<std::int8_t>(top + 1) + left;
-  const float upper = upper_row[0] + a * static_cast<float>(upper_row[1] - upper_row[0]);
-  const float lower = lower_row[0] + a * static_cast<float>(lower_row[1] - lower_row[0]);
-  return (upper + b * (lower - upper)) / kClosenessScale;
+  Corners corners;
+  findCorners(pixels.u.data(), pixels.v.data(), count, shrink_[level], field.size(), corners);
+  const auto* data = field.ptr<std::uint8_t>();
+  const auto stride = static_cast<std::size_t>(field.cols);
+  Block<std::uint32_t> values;
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::uint8_t* upper = data + corners.index[i];
+    const std::uint8_t* lower = upper + stride;
+    values[i] = std::uint32_t{upper[0]} | std::uint32_t{upper[1]} << 8 | std::uint32_t{lower[0]} << 16 |
+                std::uint32_t{lower[1]} << 24;
+  }
+  interpolate(values.data(), corners, count, result.data());
 }
 
-const Border* BoundaryField::nearest(Direction direction, float u, float v) const {
-  const Channel& channel = channels_[direction];
-  if (channel.borders.empty() || !(u >= 0.0f && v >= 0.0f && u <= static_cast<float>(size_.width - 1) &&
-                                   v <= static_cast<float>(size_.height - 1))) {
-    return nullptr;
+void BoundaryField::nearest(Direction direction, const PixelBlock& pixels, std::size_t count,
+                            Block<std::int32_t>& result) const {
+  const cv::Mat& nearest = channels_[direction].nearest;
+  if (nearest.empty()) {
+    std::fill_n(result.begin(), count, -1);
+    return;
   }
-  const cv::Point pixel(static_cast<int>(u + 0.5f), static_cast<int>(v + 0.5f));
-  const int index = channel.nearest.type() == CV_16UC1 ? channel.nearest.at<std::uint16_t>(pixel)
-                                                       : channel.nearest.at<int>(pixel);
-  return &channel.borders[static_cast<std::size_t>(index)];
+  findPixels(pixels.u.data(), pixels.v.data(), count, nearest.size(), result.data());
+  const auto lookUp = [&](const auto* numbers) {
+    for (std::size_t i = 0; i < count; ++i) {
+      const bool inside = result[i] >= 0;
+      const auto number = static_cast<std::int32_t>(numbers[inside ? result[i] : 0]);
+      result[i] = inside ? number : -1;
+    }
+  };
+  if (nearest.type() == CV_16UC1) {
+    lookUp(nearest.ptr<std::uint16_t>());
+  } else {
+    lookUp(nearest.ptr<std::int32_t>());
+  }
 }
 
 std::size_t BoundaryField::bytes() const {
   std::size_t sum = sizeof(BoundaryField);
   for (const Channel& channel : channels_) {
-    sum += channel.borders.capacity() * sizeof(Border) + channel.nearest.total() * channel.nearest.elemSize();
+    sum += channel.lines.capacity() * sizeof(Line) + channel.nearest.total() * channel.nearest.elemSize();
     for (const cv::Mat& level : channel.closeness) sum += level.total() * level.elemSize();
   }
   return sum;

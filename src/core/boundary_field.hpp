@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "mask_borders.hpp"
+#include "projection.hpp"
 
 namespace lidar_camera_recalibration {
 
@@ -28,18 +29,30 @@ class BoundaryField {
   /// B = exp(-D^2 / 2 sigma^2) minus its own blur over 5 sigma, D the distance to the nearest border: near 1
   /// on a lonely border, about 0 where borders are dense or far. Bilinear; 0 outside.
   /// @param level  of kBoundaryWidths, below kScoreLevels
-  float closeness(Direction direction, std::size_t level, float u, float v) const;
+  /// @param count  of pixels, at most kBlock
+  void closeness(Direction direction, std::size_t level, const PixelBlock& pixels, std::size_t count,
+                 Block<float>& result) const;
 
-  /// @return nothing outside of the image and where there is no border of this direction
-  const Border* nearest(Direction direction, float u, float v) const;
+  /// The line that a border follows at some place.
+  struct Line {
+    float u, v;    ///< the place [px]
+    float nu, nv;  ///< unit vector across it
+  };
+
+  /// The border nearest to each pixel, as index into lines(direction); -1 outside of the image and where
+  /// there is no border of this direction.
+  void nearest(Direction direction, const PixelBlock& pixels, std::size_t count,
+               Block<std::int32_t>& result) const;
+
+  const std::vector<Line>& lines(Direction direction) const { return channels_[direction].lines; }
 
   std::size_t bytes() const;
 
  private:
   /// The borders of one direction.
   struct Channel {
-    std::vector<Border> borders;
-    cv::Mat nearest;  ///< index into `borders` of each pixel, CV_16UC1 or CV_32SC1
+    std::vector<Line> lines;
+    cv::Mat nearest;                              ///< index into `lines` of each pixel, CV_16UC1 or CV_32SC1
     std::array<cv::Mat, kScoreLevels> closeness;  ///< CV_8SC1 [1 / 127], wide ones on smaller images
   };
 

@@ -35,8 +35,9 @@ double frameAgreement(const Objective& objective, const Frames& frames, const Ei
 
 /// The frames that agree, and the result refined on them.
 Frames agreeingFrames(const Search& search, const Objective& objective, const Frames& frames,
-                      CalibrationOutcome& result, const Progress& progress) {
-  const Consensus consensus = findConsensus(search, objective, frames, result.T_camera_lidar, progress);
+                      CalibrationOutcome& result, int threads, const Progress& progress) {
+  const Consensus consensus =
+      findConsensus(search, objective, frames, result.T_camera_lidar, threads, progress);
   result.T_camera_lidar = consensus.T_camera_lidar;
   result.left_out = consensus.left_out;
   for (const std::size_t i : consensus.left_out) result.left_out_stamps.push_back(frames[i]->stamp);
@@ -195,7 +196,8 @@ CalibrationOutcome calibrate(const Frames& frames, const Eigen::Isometry3d& star
   // 2. Frames that contradict the others are left out.
   Frames used = frames;
   if (!result.cancelled)
-    used = agreeingFrames(*search, *objective, frames, result, partOf(progress, kSearched, kAgreed));
+    used = agreeingFrames(*search, *objective, frames, result, config.search.threads,
+                          partOf(progress, kSearched, kAgreed));
   result.frames = used.size();
 
   // 3. What it is worth, measured on the points that both extrinsics bring into the image.
@@ -210,7 +212,8 @@ CalibrationOutcome calibrate(const Frames& frames, const Eigen::Isometry3d& star
     }
     result.frame_agreement = frameAgreement(*objective, used, start, result.T_camera_lidar);
     const Uncertainty uncertainty =
-        estimateUncertainty(*search, *objective, used, result.T_camera_lidar, partOf(progress, kAgreed, 1.0));
+        estimateUncertainty(*search, *objective, used, result.T_camera_lidar, config.search.threads,
+                            partOf(progress, kAgreed, 1.0));
     result.covariance = uncertainty.covariance;
     result.evaluations += uncertainty.evaluations;
     result.cancelled = uncertainty.cancelled;

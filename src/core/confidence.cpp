@@ -1,6 +1,7 @@
 #include "confidence.hpp"
 
 #include <algorithm>
+#include <numeric>
 #include <vector>
 
 #include "progress_part.hpp"
@@ -32,22 +33,23 @@ Matrix6d scatterOf(const std::vector<Vector6d>& deviations) {
 }  // namespace
 
 Uncertainty estimateUncertainty(const Search& search, const Objective& objective, const Frames& frames,
-                                const Eigen::Isometry3d& result, const Progress& progress) {
+                                const Eigen::Isometry3d& result, int threads, const Progress& progress) {
   Uncertainty uncertainty;
   if (frames.size() < kMinFrames) return uncertainty;
   const bool jackknife = search.refinesExactly();
   const std::size_t groups = std::min(frames.size(), jackknife ? kMaxJackknifeGroups : kMaxDisjointGroups);
   const auto count = static_cast<double>(groups);
-  std::vector<Vector6d> deviations;
-  for (std::size_t g = 0; g < groups; ++g) {
-    const auto done = static_cast<double>(g);
-    const SearchResult refined = search.refine(objective, select(frames, g, groups, jackknife), result,
-                                               partOf(progress, done / count, (done + 1.0) / count));
-    uncertainty.evaluations += refined.evaluations;
-    uncertainty.cancelled = refined.cancelled;
-    if (refined.cancelled) return uncertainty;
-    deviations.push_back(log(refined.T_camera_lidar * result.inverse()));
-  }
+  std::vector<Vector6d> deviations(groups);
+  std::vector<std::size_t> evaluations(groups, 0);
+  const auto refine = [&](std::size_t g, const Progress& own_progress) {
+    const SearchResult refined =
+        search.refine(objective, select(frames, g, groups, jackknife), result, own_progress);
+    evaluations[g] = refined.evaluations;
+    deviations[g] = log(refined.T_camera_lidar * result.inverse());
+  };
+  uncertainty.cancelled = !runJobs(groups, threads, progress, refine);
+  uncertainty.evaluations = std::accumulate(evaluations.begin(), evaluations.end(), std::size_t{0});
+  if (uncertainty.cancelled) return uncertainty;
   // Results with one group missing share almost all frames and scatter little; those of single groups scatter
   // more than the mean of all.
   const double factor = jackknife ? (count - 1.0) / count : 1.0 / ((count - 1.0) * count);

@@ -22,8 +22,9 @@ struct Uncertainty {
 /// With a search that refines exactly: delete-one jackknife, the result is refined again and again with one
 /// frame missing; with more than 20 frames one of 20 groups. It would multiply the scatter of a random
 /// search, and cost more than the search itself: there the scatter of refinements on up to 6 disjoint groups.
-/// @param result  found on these frames
+/// @param result   found on these frames
+/// @param threads  do not change the result
 Uncertainty estimateUncertainty(const Search& search, const Objective& objective, const Frames& frames,
-                                const Eigen::Isometry3d& result, const Progress& progress);
+                                const Eigen::Isometry3d& result, int threads, const Progress& progress);
 
 }  // namespace lidar_camera_recalibration

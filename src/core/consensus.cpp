@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "progress_part.hpp"
 
@@ -70,24 +71,24 @@ double contrast(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar) {
   return evaluator(T_camera_lidar).total - scoreBeside(evaluator, T_camera_lidar);
 }
 
-/// One for each frame; fewer if cancelled.
+/// One for each frame; meaningless if cancelled.
 std::vector<Opinion> askEach(const Search& search, const Objective& objective, const Frames& frames,
-                             Consensus& state, const Progress& progress) {
+                             Consensus& state, int threads, const Progress& progress) {
   const Eigen::Isometry3d& joint = state.T_camera_lidar;
-  const auto count = static_cast<double>(frames.size());
-  std::vector<Opinion> opinions;
-  for (const FramePtr& frame : frames) {
-    const auto done = static_cast<double>(opinions.size());
-    const SearchResult own =
-        search.refine(objective, {frame}, joint, partOf(progress, done / count, (done + 1.0) / count));
-    state.evaluations += own.evaluations;
-    state.cancelled = own.cancelled;
-    if (state.cancelled) break;
+  std::vector<Opinion> opinions(frames.size());
+  std::vector<std::size_t> evaluations(frames.size(), 0);
+  const auto ask = [&](std::size_t i, const Progress& own_progress) {
+    const SearchResult own = search.refine(objective, {frames[i]}, joint, own_progress);
+    evaluations[i] = own.evaluations;
+    if (own.cancelled) return;
     // The points that both see, or a frame could gain by moving easy ones into the image.
-    const std::unique_ptr<Evaluator> evaluator = objective.evaluator({frame}, {joint, own.T_camera_lidar});
-    opinions.push_back({log(own.T_camera_lidar * joint.inverse()), contrast(*evaluator, joint),
-                        contrast(*evaluator, own.T_camera_lidar)});
-  }
+    const std::unique_ptr<Evaluator> evaluator =
+        objective.evaluator({frames[i]}, {joint, own.T_camera_lidar});
+    opinions[i] = {log(own.T_camera_lidar * joint.inverse()), contrast(*evaluator, joint),
+                   contrast(*evaluator, own.T_camera_lidar)};
+  };
+  state.cancelled = !runJobs(frames.size(), threads, progress, ask);
+  state.evaluations += std::accumulate(evaluations.begin(), evaluations.end(), std::size_t{0});
   return opinions;
 }
 
@@ -114,7 +115,7 @@ std::vector<std::size_t> contradicting(const std::vector<Opinion>& opinions) {
 }
 
 Consensus findConsensus(const Search& search, const Objective& objective, const Frames& frames,
-                        const Eigen::Isometry3d& joint, const Progress& progress) {
+                        const Eigen::Isometry3d& joint, int threads, const Progress& progress) {
   Consensus result;
   result.T_camera_lidar = joint;
   if (frames.size() < kMinFrames) return result;
@@ -122,7 +123,7 @@ Consensus findConsensus(const Search& search, const Objective& objective, const 
     const double begin = double(round) / kMaxRounds, end = double(round + 1) / kMaxRounds;
     const double asked = begin + 0.8 * (end - begin);
     const std::vector<Opinion> opinions =
-        askEach(search, objective, frames, result, partOf(progress, begin, asked));
+        askEach(search, objective, frames, result, threads, partOf(progress, begin, asked));
     if (result.cancelled) break;
     std::vector<std::size_t> left_out = contradicting(opinions);
     result.contradicting = left_out.size();

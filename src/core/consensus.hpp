@@ -33,9 +33,10 @@ struct Consensus {
 /// Asks each frame about the joint extrinsic, leaves out those that contradict the others, refines on the
 /// rest, and asks all again, those left out too, until nothing changes. Without a contradiction the joint
 /// extrinsic is the result as it is.
-/// @param joint  found on all frames
+/// @param joint    found on all frames
+/// @param threads  do not change the result
 Consensus findConsensus(const Search& search, const Objective& objective, const Frames& frames,
-                        const Eigen::Isometry3d& joint, const Progress& progress);
+                        const Eigen::Isometry3d& joint, int threads, const Progress& progress);
 
 /// The frames but those with these indices.
 Frames without(const Frames& frames, const std::vector<std::size_t>& left_out);

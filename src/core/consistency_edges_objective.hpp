@@ -7,6 +7,8 @@
 #include "boundary_field.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
 #include "lidar_camera_recalibration/objective.hpp"
+#include "projection.hpp"
+#include "region_information.hpp"
 
 namespace lidar_camera_recalibration {
 
@@ -22,16 +24,22 @@ struct Linearisation {
 /// changes after construction: one evaluator serves all threads.
 class ConsistencyEdgesEvaluator : public Evaluator {
  public:
-  /// What is scored of a frame, as structure of arrays.
+  /// Edges that are drawn to borders of one direction.
+  struct Edges {
+    Places places;
+    std::vector<float> weight;
+
+    std::size_t size() const { return weight.size(); }
+    void add(float x, float y, float z, float edge_weight);
+  };
+
+  /// What is scored of a frame.
   struct View {
     FramePtr frame;
-    std::vector<float> x, y, z;  ///< edges, LiDAR frame [m]
-    std::vector<float> weight;   ///< of the edges
-    std::vector<BoundaryField::Direction> direction;
-    std::vector<std::uint32_t> points;  ///< of frame->points, for the region term
+    std::array<Edges, BoundaryField::kDirections> edges;
+    ClassifiedPoints points;  ///< for the region term
 
-    std::size_t size() const { return x.size(); }
-    void addEdge(const Eigen::Vector3f& point, float edge_weight, BoundaryField::Direction edge_direction);
+    const Intrinsics& camera() const { return frame->camera.intrinsics(); }
   };
 
   /// The level of Score::edges: fine enough for the optimum to be right, wide enough to tell two places
@@ -60,6 +68,10 @@ class ConsistencyEdgesEvaluator : public Evaluator {
   std::size_t edgeCount() const { return edge_count_; }
 
  private:
+  /// Calls function(view, direction, projection, edges, first, count) for all edges, block by block.
+  template <typename Function>
+  void forEachBlock(const Eigen::Isometry3d& T_camera_lidar, const Function& function) const;
+
   std::vector<View> views_;
   double region_weight_;
   std::size_t edge_count_ = 0;

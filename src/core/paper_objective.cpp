@@ -4,7 +4,9 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <numeric>
 
+#include "multiversion.hpp"
 #include "projection.hpp"
 
 namespace lidar_camera_recalibration {
@@ -47,23 +49,33 @@ const Directions& fibonacciHemisphere() {
   return directions;
 }
 
+/// Adds to each vector's sum its absolute dot products with the vectors before it.
+LCR_MULTIVERSION void addPairs(const float* x, const float* y, const float* z, int count,
+                               float* __restrict pairs) {
+  for (int a = 0; a < count; ++a) {
+    const float ax = x[a], ay = y[a], az = z[a];
+    for (int b = a + 1; b < count; ++b) pairs[b] += std::abs(ax * x[b] + ay * y[b] + az * z[b]);
+  }
+}
+
 /// What a mask collects of the points that fall into it.
 struct MaskSums {
   std::array<Eigen::Vector3f, NormalBins::kCount> normals;
-  float reflectivity, reflectivity_squared;
+  double reflectivity, reflectivity_squared;  ///< in float their difference would be noise
   std::uint32_t points, points_with_normal;
 };
 
 /// What the inner loop reads of a frame: the points to be scored, as structure of arrays.
 struct PreparedFrame {
   FramePtr frame;
-  std::vector<float> x, y, z;           ///< LiDAR frame [m]
+  Places places;
   std::vector<Eigen::Vector3f> normal;  ///< folded to its bin's side; zero where unknown
   std::vector<std::uint8_t> bin;        ///< of the normal
   std::vector<float> reflectivity;      ///< 0 where the sensor gives none
   std::vector<std::int32_t> segment;
   Eigen::Vector3d weights;  ///< w_R, w_N, w_S; sum 1
 
+  std::size_t size() const { return places.size(); }
   std::size_t maskCount() const { return frame->masks.maskCount(); }
   std::size_t classCount() const { return static_cast<std::size_t>(frame->points.segment_count); }
 };
@@ -105,9 +117,7 @@ class PaperEvaluator : public Evaluator {
         return view.wellInside(points.x[i], points.y[i], points.z[i], margin);
       };
       if (!std::all_of(views.begin(), views.end(), sees)) continue;
-      prepared.x.push_back(points.x[i]);
-      prepared.y.push_back(points.y[i]);
-      prepared.z.push_back(points.z[i]);
+      prepared.places.add(points.x[i], points.y[i], points.z[i]);
       Eigen::Vector3f normal(points.nx[i], points.ny[i], points.nz[i]);
       prepared.bin.push_back(static_cast<std::uint8_t>(NormalBins::fold(normal)));
       prepared.normal.push_back(normal);
@@ -125,17 +135,17 @@ class PaperEvaluator : public Evaluator {
     std::fill_n(sums_.begin(), frame.maskCount(), MaskSums{});
     std::fill_n(class_counts_.begin(), frame.maskCount() * frame.classCount(), 0u);
     const MaskSets& sets = frame.frame->masks;
-    const std::uint16_t* set_of_pixel = sets.setOfPixel().ptr<std::uint16_t>();
-    const std::size_t stride = sets.setOfPixel().step1();
     const Projection project(frame.frame->camera.intrinsics(), T_camera_lidar);
-    for (std::size_t i = 0; i < frame.x.size(); ++i) {
-      std::size_t u, v;
-      if (!project.nearest(frame.x[i], frame.y[i], frame.z[i], u, v)) continue;
-      const std::size_t set = set_of_pixel[v * stride + u];
-      if (set == 0) continue;
-      ++score.points;
-      for (std::uint32_t m = sets.setBegin()[set]; m < sets.setBegin()[set + 1]; ++m) {
-        add(frame, i, sets.setMasks()[m]);
+    Block<std::uint32_t> set;
+    for (std::size_t first = 0; first < frame.size(); first += kBlock) {
+      const std::size_t count = std::min(kBlock, frame.size() - first);
+      project.lookUp(sets.setOfPixel(), frame.places, first, count, 0, set);
+      for (std::size_t i = 0; i < count; ++i) {
+        if (set[i] == 0) continue;
+        ++score.points;
+        for (std::uint32_t m = sets.setBegin()[set[i]]; m < sets.setBegin()[set[i] + 1]; ++m) {
+          add(frame, first + i, sets.setMasks()[m]);
+        }
       }
     }
   }
@@ -143,8 +153,9 @@ class PaperEvaluator : public Evaluator {
   void add(const PreparedFrame& frame, std::size_t i, std::uint32_t mask) {
     MaskSums& sums = sums_[mask];
     ++sums.points;
-    sums.reflectivity += frame.reflectivity[i];
-    sums.reflectivity_squared += frame.reflectivity[i] * frame.reflectivity[i];
+    const auto reflectivity = static_cast<double>(frame.reflectivity[i]);
+    sums.reflectivity += reflectivity;
+    sums.reflectivity_squared += reflectivity * reflectivity;
     sums.normals[frame.bin[i]] += frame.normal[i];
     sums.points_with_normal += frame.normal[i] != Eigen::Vector3f::Zero();
     if (frame.segment[i] >= 0)
@@ -200,18 +211,18 @@ int NormalBins::fold(Eigen::Vector3f& normal) {
 
 double NormalBins::consistency(const Eigen::Vector3f* sums, double n) {
   if (n <= 0.0) return 0.0;
-  std::array<Eigen::Vector3f, kCount> used;
+  std::array<float, kCount> x, y, z, pairs = {};
   int count = 0;
+  double diagonal = 0.0;
   for (int b = 0; b < kCount; ++b) {
-    if (sums[b] != Eigen::Vector3f::Zero()) used[count++] = sums[b];
+    if (sums[b] == Eigen::Vector3f::Zero()) continue;
+    x[count] = sums[b].x();
+    y[count] = sums[b].y();
+    z[count++] = sums[b].z();
+    diagonal += sums[b].squaredNorm();
   }
-  double diagonal = 0.0, off_diagonal = 0.0;
-  for (int a = 0; a < count; ++a) {
-    diagonal += used[a].squaredNorm();
-    float row = 0.0f;
-    for (int b = a + 1; b < count; ++b) row += std::abs(used[a].dot(used[b]));
-    off_diagonal += row;
-  }
+  addPairs(x.data(), y.data(), z.data(), count, pairs.data());
+  const double off_diagonal = std::accumulate(pairs.begin(), pairs.end(), 0.0);
   return (diagonal + 2.0 * off_diagonal) / (n * n);
 }
 

@@ -139,7 +139,8 @@ SearchResult PaperSearch::refine(const Objective& objective, const Frames& frame
   const std::size_t evaluations =
       std::max<std::size_t>(1, static_cast<std::size_t>(config_.refine_evaluations) / 4);
   constexpr double kTranslation = 0.1;
-  Contest contest(objective, frames, start, config_.threads, evaluations, progress);
+  constexpr int kThreads = 1;  // see Search::refine
+  Contest contest(objective, frames, start, kThreads, evaluations, progress);
   refineRandomly(contest, config_, evaluations, 0.5 * config_.grid_step_deg * kDegree, kTranslation, start,
                  kTranslation);
   return contest.result();

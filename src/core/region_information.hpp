@@ -1,11 +1,23 @@
 #pragma once
 
-#include <Eigen/Geometry>
+#include <cstdint>
 #include <vector>
 
 #include "lidar_camera_recalibration/frame.hpp"
+#include "projection.hpp"
 
 namespace lidar_camera_recalibration {
+
+/// Points in the order of their classes, those without a class first.
+struct ClassifiedPoints {
+  Places places;
+  std::vector<std::size_t> class_end;  ///< the points of class c - 1 end where those of class c begin
+
+  ClassifiedPoints() = default;
+
+  /// @param chosen  indices into `points`
+  ClassifiedPoints(const FramePoints& points, const std::vector<std::uint32_t>& chosen);
+};
 
 /// What masks and classes of LiDAR points tell about each other: NMI = I(mask; class) / H(mask, class) over
 /// the points in the image, 0 = nothing, 1 = each determines the other. The paper's idea, that points in one
@@ -13,9 +25,17 @@ namespace lidar_camera_recalibration {
 /// for each point.
 ///
 /// Wide and smooth, but not sharp: it tells good optima of the edges from bad ones.
-/// @param points  of frame.points, to be counted
-/// @param used    grows by the number of points in the image
-double regionInformation(const Frame& frame, const std::vector<std::uint32_t>& points,
-                         const Eigen::Isometry3d& T_camera_lidar, std::size_t& used);
+class RegionInformation {
+ public:
+  /// @param project  into the image of the masks
+  /// @param used     grows by the number of points in the image
+  double operator()(const MaskSets& masks, const ClassifiedPoints& points, const Projection& project,
+                    std::size_t& used);
+
+ private:
+  // Scratch memory, by set of masks; overlapping masks: a set of them counts as a mask of its own.
+  std::vector<std::uint32_t> in_class_, in_all_;  ///< points of one class and of all so far
+  std::vector<std::uint32_t> touched_;            ///< sets with points of the class
+};
 
 }  // namespace lidar_camera_recalibration

@@ -61,9 +61,9 @@ std::vector<double> beamElevations(int beams) {
 
 LidarSensor::LidarSensor(const LidarConfig& config)
     : config_(config), elevations_(beamElevations(config.beams)) {
-  if (!(config.azimuth_step_deg >= 0.02 && config.azimuth_step_deg <= 5.0)) {
+  if (!(config.azimuth_step_deg >= 0.01 && config.azimuth_step_deg <= 5.0)) {
     throw Error(ErrorCause::kParameter, "azimuth_step_deg is " + std::to_string(config.azimuth_step_deg) +
-                                            " deg; it must be 0.02 to 5.");
+                                            " deg; it must be 0.01 to 5.");
   }
 }
 
