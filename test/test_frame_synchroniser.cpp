@@ -193,10 +193,10 @@ TEST_F(FrameSynchroniserTest, messagesWithoutPartnerAreBoundedAndCounted) {
   EXPECT_EQ(95u, sync_->counts().unmatched);
   reset(config);
   for (int i = 0; i < 100; ++i) sync_->addCameraInfo(info(i));
-  EXPECT_EQ(95u, sync_->counts().unmatched);
+  EXPECT_EQ(95u, sync_->counts().unused);
   reset(config);
   for (int i = 0; i < 100; ++i) sync_->addCloud(cloud(i));
-  EXPECT_EQ(95u, sync_->counts().unmatched);
+  EXPECT_EQ(95u, sync_->counts().unused);
   reset(config);
   for (int i = 0; i < 100; ++i) addMasks(i);
   EXPECT_EQ(95u, sync_->counts().unknown_masks);
@@ -365,7 +365,8 @@ TEST_F(FrameSynchroniserTest, aMessageLargerThanTheBoundIsGivenUp) {
   reset(config);
   addPair(1.0);
   EXPECT_EQ(0u, sync_->bytes());
-  EXPECT_EQ(3u, sync_->counts().unmatched);
+  EXPECT_EQ(1u, sync_->counts().memory);
+  EXPECT_EQ(2u, sync_->counts().unused);
 }
 
 TEST_F(FrameSynchroniserTest, completeFramesNobodyFetchesAreBounded) {
@@ -388,8 +389,8 @@ TEST_F(FrameSynchroniserTest, clearForgetsButCounts) {
   sync_->clear();
   EXPECT_EQ(0u, sync_->bytes());
   EXPECT_EQ(0u, sync_->pending());
-  EXPECT_EQ(1u, sync_->counts().no_masks);
-  EXPECT_EQ(2u, sync_->counts().unmatched);
+  EXPECT_EQ(2u, sync_->counts().forgotten);
+  EXPECT_EQ(1u, sync_->counts().unused);
   EXPECT_EQ(1u, sync_->counts().unknown_masks);
   // A looped bag plays the same stamps again.
   addPair(1.0);
@@ -426,21 +427,27 @@ TEST_F(FrameSynchroniserTest, countsAddUp) {
   }
   std::stable_sort(events.begin(), events.end(),
                    [](const Event& a, const Event& b) { return a.time < b.time; });
-  std::uint64_t handed_out = 0;
+  std::uint64_t handed_out = 0, images = 0;
   for (const Event& event : events) {
     if (event.kind == 0) sync_->addImage(image(event.stamp));
     if (event.kind == 1) sync_->addCameraInfo(info(event.stamp));
     if (event.kind == 2) sync_->addCloud(cloud(event.stamp));
     if (event.kind == 3) addMasks(event.stamp);
+    if (event.kind == 0) ++images;
     while (sync_->next()) ++handed_out;
     ASSERT_LE(sync_->bytes(), config.max_bytes);
+    const SynchroniserCounts& counts = sync_->counts();
+    ASSERT_EQ(images, handed_out + sync_->images() + counts.unmatched + counts.no_masks + counts.memory);
   }
   EXPECT_GT(handed_out, 100u);
+  const std::uint64_t pairs = sync_->pending(), held = sync_->images();
   sync_->clear();
   const SynchroniserCounts& counts = sync_->counts();
   EXPECT_GT(counts.memory, 0u);
-  EXPECT_EQ(events.size(),
-            4 * handed_out + counts.unmatched + 3 * (counts.no_masks + counts.memory) + counts.unknown_masks);
+  EXPECT_EQ(counts.forgotten, held);
+  // Of each image alone, of each pair its CameraInfo and cloud with it.
+  EXPECT_EQ(events.size(), 4 * handed_out + counts.unmatched + counts.unused + counts.unknown_masks +
+                               3 * (counts.no_masks + counts.memory + pairs) + (held - pairs));
 }
 
 }  // namespace

@@ -697,7 +697,7 @@ TEST(Server, TheInputQueueIsBounded) {
   for (int i = 0; i < 1000; ++i) rig.server->addCameraInfo(messages.info);
   rig.hold_scores = false;
   rig.server->waitUntilIdle();
-  EXPECT_EQ(rig.server->state().dropped_memory, 800u) << "the queue holds 200";
+  EXPECT_EQ(rig.server->state().dropped_unused, 800u) << "the queue holds 200";
   rig.add(messages);
   EXPECT_EQ(rig.server->state().frames, 2u);
 }

@@ -8,7 +8,7 @@ namespace lidar_camera_recalibration {
 
 std::string FrameBuffer::refusal(const ros::Time& stamp) const {
   const auto tooNear = [&](const Held& held) {
-    return std::abs((stamp - held.stamp).toSec()) < config_.frames_min_interval;
+    return std::abs(stamp.toSec() - held.stamp.toSec()) < config_.frames_min_interval;
   };
   if (std::none_of(held_.begin(), held_.end(), tooNear)) return "";
   char text[80];

@@ -74,7 +74,7 @@ void FrameSynchroniser::addCameraInfo(const sensor_msgs::CameraInfoConstPtr& inf
   if (!info) return;
   const Stamp stamp = stampOf(info);
   if (holdsStamp(infos_, stamp)) {
-    ++counts_.unmatched;
+    ++counts_.unused;
     return;
   }
   WaitingImage* nearest = nullptr;
@@ -96,7 +96,7 @@ void FrameSynchroniser::addCameraInfo(const sensor_msgs::CameraInfoConstPtr& inf
 void FrameSynchroniser::addCloud(const sensor_msgs::PointCloud2ConstPtr& cloud) {
   if (!cloud) return;
   if (holdsStamp(clouds_, stampOf(cloud))) {
-    ++counts_.unmatched;
+    ++counts_.unused;
     return;
   }
   clouds_.push_back(cloud);
@@ -131,11 +131,10 @@ void FrameSynchroniser::flush() {
 }
 
 void FrameSynchroniser::clear() {
-  for (const WaitingImage& waiting : images_) counts_.unmatched += waiting.info ? 2 : 1;
-  counts_.unmatched += infos_.size() + clouds_.size();
+  for (const WaitingImage& waiting : images_) counts_.unused += waiting.info ? 1 : 0;
+  counts_.unused += infos_.size() + clouds_.size();
   counts_.unknown_masks += masks_.size();
-  counts_.no_masks += pairs_.size();
-  counts_.memory += complete_.size();
+  counts_.forgotten += images();
   const SynchroniserCounts counts = counts_;
   *this = FrameSynchroniser(config_);
   counts_ = counts;
@@ -225,7 +224,7 @@ void FrameSynchroniser::giveUpOldestImage() {
   for (const Match& match : matches(true)) {
     if (match.first == 0) return makePair(match);
   }
-  dropOldestImage();
+  dropOldestImage(counts_.unmatched);
 }
 
 void FrameSynchroniser::giveUpOldestCloud() {
@@ -239,7 +238,7 @@ void FrameSynchroniser::settle() {
   pairDecided();
   while (images_.size() > config_.max_unmatched) giveUpOldestImage();
   while (clouds_.size() > config_.max_unmatched) giveUpOldestCloud();
-  for (; infos_.size() > config_.max_unmatched; infos_.pop_front()) ++counts_.unmatched;
+  for (; infos_.size() > config_.max_unmatched; infos_.pop_front()) ++counts_.unused;
   for (; masks_.size() > config_.max_unmatched; masks_.pop_front()) ++counts_.unknown_masks;
   expire();
   while (bytes() > config_.max_bytes) freeMemory();
@@ -278,13 +277,14 @@ std::map<FrameSynchroniser::Stamp, FrameMessages>::iterator FrameSynchroniser::m
   return best;
 }
 
-void FrameSynchroniser::dropOldestImage() {
-  counts_.unmatched += images_.front().info ? 2 : 1;
+void FrameSynchroniser::dropOldestImage(std::uint64_t& counter) {
+  ++counter;
+  counts_.unused += images_.front().info ? 1 : 0;
   images_.pop_front();
 }
 
 void FrameSynchroniser::dropOldestCloud() {
-  ++counts_.unmatched;
+  ++counts_.unused;
   clouds_.pop_front();
 }
 
@@ -292,7 +292,7 @@ void FrameSynchroniser::dropOldestCloud() {
 void FrameSynchroniser::freeMemory() {
   const auto overtaken = [&](const auto& message) { return last_pair_ && stampOf(message) < *last_pair_; };
   if (!images_.empty() && overtaken(images_.front().image)) {
-    dropOldestImage();
+    dropOldestImage(counts_.unmatched);
   } else if (!clouds_.empty() && overtaken(clouds_.front())) {
     dropOldestCloud();
   } else if (pairs_.size() > 1) {
@@ -302,7 +302,7 @@ void FrameSynchroniser::freeMemory() {
     masks_.pop_front();
     ++counts_.unknown_masks;
   } else if (images_.size() > 1) {
-    dropOldestImage();
+    dropOldestImage(counts_.memory);
   } else if (clouds_.size() > 1) {
     dropOldestCloud();
   } else if (!complete_.empty()) {
@@ -311,8 +311,9 @@ void FrameSynchroniser::freeMemory() {
   } else if (!pairs_.empty()) {
     pairs_.erase(pairs_.begin());
     ++counts_.memory;
-  } else {
-    clear();  // one message alone is larger than the bound
+  } else {  // one message alone is larger than the bound
+    if (!images_.empty()) dropOldestImage(counts_.memory);
+    clear();
   }
 }
 

@@ -28,12 +28,14 @@ struct FrameMessages {
   sensor_msgs::ImageConstPtr masks;
 };
 
-/// Everything put in is handed out, still held or counted here, also what clear() discards.
+/// Every image put in is handed out, still held or counted here once.
 struct SynchroniserCounts {
-  std::uint64_t unmatched = 0;      ///< images, infos, clouds given up without a partner, or duplicates
-  std::uint64_t no_masks = 0;       ///< pairs whose masks did not come in time
+  std::uint64_t unmatched = 0;      ///< images without CameraInfo or cloud, or duplicates
+  std::uint64_t no_masks = 0;       ///< images whose masks did not come in time
+  std::uint64_t memory = 0;         ///< images given up because the cache was full
+  std::uint64_t forgotten = 0;      ///< images that clear() discarded
   std::uint64_t unknown_masks = 0;  ///< masks for an image never seen or already given up, or duplicates
-  std::uint64_t memory = 0;         ///< pairs given up because the cache was full
+  std::uint64_t unused = 0;         ///< infos and clouds given up without an image, or duplicates
 };
 
 /// Joins the four inputs of a frame. Image and CameraInfo belong together by equal stamps (1 ms is forgiven),
@@ -67,7 +69,8 @@ class FrameSynchroniser {
 
   const SynchroniserCounts& counts() const { return counts_; }
   std::size_t pending() const { return pairs_.size(); }  ///< image/cloud pairs that wait for masks
-  std::size_t bytes() const;                             ///< of all messages held
+  std::size_t images() const { return images_.size() + pairs_.size() + complete_.size(); }  ///< held
+  std::size_t bytes() const;  ///< of all messages held
 
  private:
   using Stamp = std::int64_t;  ///< [ns]
@@ -84,7 +87,7 @@ class FrameSynchroniser {
   void pairDecided();
   void giveUpOldestImage();
   void giveUpOldestCloud();
-  void dropOldestImage();
+  void dropOldestImage(std::uint64_t& counter);
   void dropOldestCloud();
   void settle();
   void expire();

@@ -9,7 +9,8 @@
 
 namespace lidar_camera_recalibration {
 
-/// Watches one subscribed topic: who publishes it, how often a message comes, how long ago the last one came.
+/// Watches one subscribed topic: who publishes it, how often a message comes, how long ago the last one came,
+/// and for how long its callbacks held the thread that called them. All of it in the callbacks' one thread.
 class InputMonitor {
  public:
   /// @param max_age  a longer silence is worth a warning [s]
@@ -17,18 +18,33 @@ class InputMonitor {
 
   void watch(const ros::Subscriber& subscriber) { subscriber_ = subscriber; }
   void stop() { subscriber_.shutdown(); }
-  void count();
+
+  /// Lives as long as the callback that takes a message: counts it and measures the time.
+  class Callback {
+   public:
+    explicit Callback(InputMonitor& monitor) : monitor_(monitor) {}
+    ~Callback() { monitor_.count(start_, Clock::now()); }
+    Callback(const Callback&) = delete;
+    Callback& operator=(const Callback&) = delete;
+
+   private:
+    InputMonitor& monitor_;
+    const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  };
 
   /// Adds rate and age to the status. @return what is wrong with this input, empty if nothing.
   std::string report(diagnostic_updater::DiagnosticStatusWrapper& status) const;
 
  private:
   using Clock = std::chrono::steady_clock;
+  void count(Clock::time_point start, Clock::time_point end);
+
   std::string input_;
   double max_age_;
   ros::Subscriber subscriber_;
   Clock::time_point start_ = Clock::now();
   std::deque<Clock::time_point> arrivals_;  ///< the last few
+  std::deque<double> callback_times_;       ///< the last thousand [s]
 };
 
 }  // namespace lidar_camera_recalibration

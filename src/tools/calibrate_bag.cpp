@@ -172,13 +172,14 @@ class Feeder {
 
 std::string droppedByCause(const RecalibrationState& state) {
   const std::vector<std::pair<const char*, std::uint64_t>> causes = {
-      {"without partner within the stamp gap", state.dropped_unmatched},
+      {"without camera_info or cloud", state.dropped_unmatched},
       {"without masks in time", state.dropped_no_masks},
-      {"masks of unknown images", state.dropped_unknown_masks},
       {"malformed", state.dropped_invalid},
       {"too poor", state.dropped_poor},
       {"without initial extrinsic", state.dropped_no_extrinsic},
-      {"for lack of memory", state.dropped_memory}};
+      {"for lack of memory", state.dropped_memory},
+      {"masks of unknown images", state.dropped_unknown_masks},
+      {"clouds and camera_infos without image", state.dropped_unused}};
   std::string text;
   for (const auto& [cause, count] : causes) {
     if (count > 0) text += (text.empty() ? "" : ", ") + std::to_string(count) + " " + cause;
