@@ -21,7 +21,7 @@ def program(name):
     folder = os.environ.get("CMAKE_PREFIX_PATH", "").split(":")[0]
     path = os.path.join(folder, "lib", PACKAGE, name)
     if not os.path.exists(path):
-        sys.exit("%s is not built: ninja -C build tests" % path)
+        sys.exit(path + " is not there: build the target `tests`, or call ./bootstrap soak")
     return path
 
 
@@ -33,7 +33,8 @@ def free_port():
 
 def start_master(log_folder):
     port = free_port()
-    os.environ.update(ROS_MASTER_URI="http://localhost:%d" % port, ROS_HOSTNAME="localhost", ROS_LOG_DIR=log_folder)
+    os.environ.update(ROS_MASTER_URI="http://localhost:%d" % port, ROS_HOSTNAME="localhost", ROS_LOG_DIR=log_folder,
+                      MALLOC_MMAP_THRESHOLD_="1048576")  # as recalibrate.launch sets it
     master = subprocess.Popen(["rosmaster", "--core", "-p", str(port)], stdout=subprocess.DEVNULL,
                               stderr=subprocess.DEVNULL)
     deadline = time.time() + 30

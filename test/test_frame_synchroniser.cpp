@@ -6,6 +6,7 @@
 #include <array>
 #include <boost/make_shared.hpp>
 #include <cmath>
+#include <deque>
 #include <memory>
 #include <random>
 
@@ -345,6 +346,43 @@ TEST_F(FrameSynchroniserTest, thinningKeepsOldAndNew) {
   };
   EXPECT_GE(older(20.0), 3);
   EXPECT_GT(static_cast<std::ptrdiff_t>(held) - older(5.0), older(5.0)) << "dense near the present";
+}
+
+/// Ten images a second for two minutes; the segmenter takes the newest one as soon as it is free.
+/// @return the share of its masks that met their image
+double shareOfMasksUsed(FrameSynchroniser& sync, double delay, int at_once) {
+  struct Work {
+    double image, done;
+  };
+  std::deque<Work> works;
+  int sent = 0, used = 0;
+  for (int i = 0; i < 1200; ++i) {
+    const double now = 0.1 * i;
+    if (!works.empty() && works.front().done <= now) {
+      sync.addMasks(image(works.front().image, kMaskBytes));
+      works.pop_front();
+      ++sent;
+      while (sync.next()) ++used;
+    }
+    const bool is_free = static_cast<int>(works.size()) < at_once &&
+                         (works.empty() || now >= works.back().image + delay / at_once - 1e-6);
+    if (is_free) works.push_back({0.1 * (i - 1), now + delay});  // the last one that came
+    sync.addImage(image(now));
+    sync.addCameraInfo(info(now));
+    sync.addCloud(cloud(now));
+  }
+  return static_cast<double>(used) / sent;
+}
+
+TEST_F(FrameSynchroniserTest, aSmallCacheHoldsWhatTheSegmenterWorksOn) {
+  SynchroniserConfig config;
+  config.max_bytes = 12 * (kImageBytes + kCloudBytes + 1000);
+  for (const double delay : {0.5, 2.0, 5.0, 20.0}) {
+    reset(config);
+    EXPECT_GE(shareOfMasksUsed(*sync_, delay, 1), 0.75) << delay << " s late";  // the first ones are luck
+  }
+  reset(config);
+  EXPECT_GE(shareOfMasksUsed(*sync_, 4.0, 2), 0.75) << "two images at once";
 }
 
 TEST_F(FrameSynchroniserTest, bytesAreThoseOfTheMessagesHeld) {

@@ -16,6 +16,9 @@ constexpr std::int64_t kInfoTolerance = 1'000'000;  // [ns]
 constexpr std::int64_t kMaxDisorder = 1'000'000'000;  // [ns]
 // The newest pairs that thinning leaves alone: their masks are still to be expected.
 constexpr std::ptrdiff_t kNewestKept = 3;
+// The segmenter may have got an image more or less than we have: one to each side at 10 Hz.
+constexpr std::int64_t kAwaitedMargin = 150'000'000;  // [ns]
+constexpr std::size_t kMaxAwaited = 16;
 
 // Integers, because the difference of two ros::Time throws if a bad stamp makes it too large.
 template <class Message>
@@ -106,6 +109,7 @@ void FrameSynchroniser::addCloud(const sensor_msgs::PointCloud2ConstPtr& cloud) 
 void FrameSynchroniser::addMasks(const sensor_msgs::ImageConstPtr& masks) {
   if (!masks) return;
   const Stamp stamp = stampOf(masks);
+  noteMasks(stamp);
   const auto pair = pairs_.find(stamp);
   if (pair != pairs_.end()) {
     pair->second.masks = masks;
@@ -258,6 +262,24 @@ void FrameSynchroniser::expire() {
   }
 }
 
+// Masks come in the order of their images, from a segmenter that works on one image or on several at once.
+void FrameSynchroniser::noteMasks(Stamp stamp) {
+  while (!awaited_.empty() && awaited_.front() <= stamp + kAwaitedMargin) awaited_.pop_front();
+  if (!last_image_) return;
+  awaited_.push_back(*last_image_);
+  if (awaited_.size() > kMaxAwaited) awaited_.pop_front();
+}
+
+// That masks of this image come: 2 = probably, 1 = possibly, 0 = nothing speaks for it.
+int FrameSynchroniser::expectation(Stamp stamp) const {
+  int result = 0;
+  for (const Stamp awaited : awaited_) {
+    if (awaited == stamp) return 2;
+    if (std::abs(awaited - stamp) <= kAwaitedMargin) result = 1;
+  }
+  return result;
+}
+
 // The pair between whose neighbours the least is lost: the ratio of their ages, which spaces the remaining
 // pairs logarithmically in age. The oldest and the newest few stay.
 std::map<FrameSynchroniser::Stamp, FrameMessages>::iterator FrameSynchroniser::mostRedundantPair() {
@@ -265,14 +287,15 @@ std::map<FrameSynchroniser::Stamp, FrameMessages>::iterator FrameSynchroniser::m
   if (size < kNewestKept + 2) return pairs_.begin();
   const Stamp newest = pairs_.rbegin()->first;
   auto best = pairs_.begin();
-  double best_ratio = 0.0;
+  std::pair<int, double> best_worth;
   const auto end = std::prev(pairs_.end(), kNewestKept);
   for (auto pair = std::next(pairs_.begin()); pair != end; ++pair) {
     const double ratio = static_cast<double>(newest - std::prev(pair)->first) /
                          static_cast<double>(newest - std::next(pair)->first);
-    if (best != pairs_.begin() && ratio >= best_ratio) continue;
+    const std::pair<int, double> worth(expectation(pair->first), ratio);
+    if (best != pairs_.begin() && worth >= best_worth) continue;
     best = pair;
-    best_ratio = ratio;
+    best_worth = worth;
   }
   return best;
 }

@@ -14,9 +14,9 @@
 namespace lidar_camera_recalibration {
 
 struct SynchroniserConfig {
-  double max_stamp_gap = 0.06;                 ///< between image and cloud [s]
-  double mask_timeout = 60.0;                  ///< an image waits so long for its masks, in stamp time [s]
-  std::size_t max_bytes = 512u * 1024 * 1024;  ///< of all messages held
+  double max_stamp_gap = 0.06;                ///< between image and cloud [s]
+  double mask_timeout = 60.0;                 ///< an image waits so long for its masks, in stamp time [s]
+  std::size_t max_bytes = 64u * 1024 * 1024;  ///< of all messages held
   std::size_t max_unmatched = 20;  ///< images, infos, clouds and masks each that wait for their partners
 };
 
@@ -45,6 +45,7 @@ struct SynchroniserCounts {
 /// Knows messages but no node: no callbacks, threads or clock. Time is the stamps'. Not thread-safe; one
 /// owner. Bounded in count, bytes and age. When bytes run out, waiting pairs are thinned by age, dense near
 /// the present and sparse long ago, so that both prompt and very late masks still meet some of their images.
+/// Those that the segmenter seems to work on leave last: whenever masks come, it takes the newest image next.
 ///
 /// Age is judged by the older of the last two images, so that one bad stamp far ahead expires nothing; two in
 /// a row do.
@@ -91,6 +92,8 @@ class FrameSynchroniser {
   void dropOldestCloud();
   void settle();
   void expire();
+  void noteMasks(Stamp stamp);
+  int expectation(Stamp stamp) const;
   std::map<Stamp, FrameMessages>::iterator mostRedundantPair();
   void freeMemory();
 
@@ -105,6 +108,7 @@ class FrameSynchroniser {
   std::map<Stamp, FrameMessages> complete_;
   std::optional<Stamp> last_image_, second_last_image_;  ///< in the order of arrival
   std::optional<Stamp> last_pair_;
+  std::deque<Stamp> awaited_;  ///< images that the segmenter seems to work on
 };
 
 }  // namespace lidar_camera_recalibration

@@ -43,6 +43,9 @@ using Bags = std::vector<std::unique_ptr<rosbag::Bag>>;
 ServerConfig serverConfig(const Options& options) {
   ServerConfig config = loadServerConfig(options.config, options.assignments);
   config.mode = "on_request";
+  // Masks may be recorded long after their images, and no vehicle needs the memory here.
+  constexpr std::size_t kCacheBytes = 1024u * 1024 * 1024;
+  config.synchroniser.max_bytes = std::max(config.synchroniser.max_bytes, kCacheBytes);
   // An offline run depends on what it is given and on nothing left from runs before.
   config.initial_from_saved = false;
   config.result_file.clear();
