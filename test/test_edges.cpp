@@ -3,6 +3,7 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
+#include <opencv2/imgproc.hpp>
 #include <random>
 #include <set>
 
@@ -107,6 +108,33 @@ TEST(LidarEdges, SurfacesGoOnIntoTheGap) {
   for (std::size_t i = 0; i < edges.size(); ++i) {
     if (edges.kind[i] != Kind::kRingGap) continue;
     EXPECT_GT((edges.x[i] - kBoard) * edges.z[i], 0.0) << "further away above, nearer below";
+  }
+}
+
+// A beam as wide as a step of the azimuth sees a bit of both sides of a step of the reflectivity.
+TEST(LidarEdges, ReflectivityStepsAreFoundBetweenTheBeams) {
+  for (const double place : {0.0, 0.2, 0.4, 0.6, 0.8}) {  // of a step of the azimuth
+    PointCloud cloud;
+    for (int ring = 0; ring < 8; ++ring) {
+      for (int step = -50; step <= 50; ++step) {
+        const double azimuth = step * kAzimuthStep, elevation = ring * kRingStep;
+        const Eigen::Vector3d ray(1.0, std::tan(azimuth), std::tan(elevation) / std::cos(azimuth));
+        cloud.points.push_back((kBoard * ray).cast<float>());
+        const double share = std::clamp(step - place + 0.5, 0.0, 1.0);
+        cloud.reflectivity.push_back(static_cast<float>(0.3 + 0.4 * share));
+        cloud.ring.push_back(static_cast<std::uint16_t>(ring));
+      }
+    }
+    const EdgePoints edges = findLidarEdges(cloud, featuresOf(cloud), {});
+    EXPECT_GE(edges.size(), 8u) << "one a ring at least";
+    double mean = 0.0;  // [steps]; a step is found from up to three windows, the outer ones less exactly
+    for (std::size_t i = 0; i < edges.size(); ++i) {
+      EXPECT_EQ(edges.kind[i], Kind::kReflectivity);
+      const double found = std::atan2(edges.y[i], edges.x[i]) / kAzimuthStep;
+      EXPECT_NEAR(found, place, 0.4);
+      mean += found / static_cast<double>(edges.size());
+    }
+    EXPECT_NEAR(mean, place, 0.12);
   }
 }
 
@@ -233,6 +261,21 @@ TEST(MaskBorders, MoveToTheEdgesOfTheImage) {
     }
     EXPECT_GE(found, 38);
   }
+}
+
+// Red of the same brightness as the green beside it.
+TEST(MaskBorders, MoveToEdgesOfTheColour) {
+  cv::Mat image(160, 200, CV_8UC3, cv::Scalar(0, 100, 0)), grey;
+  image.colRange(61, 200).setTo(cv::Scalar(0, 0, 196));
+  cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
+  ASSERT_NEAR(grey.at<std::uint8_t>(80, 60), grey.at<std::uint8_t>(80, 61), 1);
+  int found = 0;
+  for (const Border& border : maskBorders(rectangle().setOfPixel(), image)) {
+    if (border.v < 50.0f || border.v > 90.0f) continue;
+    EXPECT_NEAR(border.u, 60.5f, 0.1f);
+    ++found;
+  }
+  EXPECT_GE(found, 38);
 }
 
 TEST(MaskBorders, ThereAreNoneWithoutMasks) {

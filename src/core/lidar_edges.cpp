@@ -1,6 +1,7 @@
 #include "lidar_edges.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 
@@ -28,7 +29,7 @@ constexpr float kRingGap = 0.8f, kRelativeRingGap = 0.08f;
 constexpr float kMaxUpward = 0.85f;
 // A step of the reflectivity: against 0..1, and against the scatter on both sides.
 constexpr float kReflectivityStep = 0.08f;
-constexpr float kStepToScatter = 2.0f;
+constexpr float kStepToScatter = 4.0f;
 
 constexpr float kFullGap = 2.0f;           // [m]; smaller steps of the range count less
 constexpr float kFullReflectivity = 0.2f;  // likewise
@@ -240,25 +241,23 @@ class EdgeFinder {
     }
   }
 
+  // Two points on each side of a step, and two in the middle. The beam is as wide as a step of the azimuth:
+  // what the two in the middle have of each side tells the place of the step to a fraction of that.
   void addReflectivitySteps(const Ring& ring) {
-    constexpr std::size_t kSide = 3;
-    for (std::size_t k = 0; k + 2 * kSide <= ring.points.size(); ++k) {
-      if (!smooth(ring, k, 1, 2 * kSide)) continue;
-      float sum[2] = {}, squares[2] = {};
-      for (std::size_t n = 0; n < 2 * kSide; ++n) {
-        const float r = features_.reflectivity[ring.points[k + n]];
-        sum[n / kSide] += r;
-        squares[n / kSide] += r * r;
-      }
-      constexpr float n = kSide;
-      const float step = std::abs(sum[0] - sum[1]) / n;
-      const float variance =
-          (squares[0] - sum[0] * sum[0] / n + squares[1] - sum[1] * sum[1] / n) / (2.0f * n);
-      if (step <= kReflectivityStep || step <= kStepToScatter * std::sqrt(std::max(0.0f, variance))) continue;
-      const std::size_t a = ring.points[k + kSide - 1], b = ring.points[k + kSide];
+    constexpr std::size_t kWindow = 6;
+    for (std::size_t k = 0; k + kWindow <= ring.points.size(); ++k) {
+      if (!smooth(ring, k, 1, kWindow)) continue;
+      std::array<float, kWindow> r;
+      for (std::size_t n = 0; n < kWindow; ++n) r[n] = features_.reflectivity[ring.points[k + n]];
+      const float before = 0.5f * (r[0] + r[1]), after = 0.5f * (r[4] + r[5]), step = after - before;
+      const float scatter = 0.5f * std::hypot(r[1] - r[0], r[5] - r[4]);
+      if (std::abs(step) <= std::max(kReflectivityStep, kStepToScatter * scatter)) continue;
+      const std::size_t a = ring.points[k + 2], b = ring.points[k + 3];
       if (!visible(a)) continue;
-      add(0.5f * (cloud_.points[a] + cloud_.points[b]), std::min(1.0f, step / kFullReflectivity),
-          EdgePoints::Kind::kReflectivity);
+      const auto shareBefore = [&](float value) { return std::clamp((after - value) / step, 0.0f, 1.0f); };
+      const float place = shareBefore(r[2]) + shareBefore(r[3]) - 0.5f;  // from a to b, in steps
+      add(cloud_.points[a] + place * (cloud_.points[b] - cloud_.points[a]),
+          std::min(1.0f, std::abs(step) / kFullReflectivity), EdgePoints::Kind::kReflectivity);
     }
   }
 

@@ -14,7 +14,7 @@ constexpr int kDirectionWindow = 7;  // [px]
 // best.
 constexpr float kUprightUpTo = 10.0f, kLevelFrom = 0.5f;
 
-constexpr double kReach = 3.0;  // how far a segmenter's borders are off, at most [px]
+constexpr double kReach = 2.0;  // how far a segmenter's borders are off, at most [px]
 constexpr double kEdgeSigma = 1.0, kEdgeLow = 30.0, kEdgeHigh = 80.0;  // Canny: blur [px], gradients
 constexpr double kPlaceSigma = 1.5;                                    // blur for the places of edges [px]
 
@@ -42,6 +42,33 @@ SetChanges changesOf(const cv::Mat& sets) {
   };
   result.changes.along_u = between({0, 0, w - 1, h}, {1, 0, w - 1, h});
   result.changes.along_v = between({0, 0, w, h - 1}, {0, 1, w, h - 1});
+  return result;
+}
+
+// The gradient of the blurred image, at each pixel that of the channel where it is strongest: many borders
+// are between colours of the same brightness. CV_32FC1.
+Changes gradientOf(const cv::Mat& image, double blur) {
+  cv::Mat smooth, along_u, along_v, squares;
+  cv::GaussianBlur(image, smooth, cv::Size(), blur);
+  cv::Sobel(smooth, along_u, CV_32F, 1, 0);
+  cv::Sobel(smooth, along_v, CV_32F, 0, 1);
+  Changes result{cv::Mat(image.size(), CV_32FC1), cv::Mat(image.size(), CV_32FC1)};
+  for (int v = 0; v < image.rows; ++v) {
+    const auto* us = along_u.ptr<cv::Vec3f>(v);
+    const auto* vs = along_v.ptr<cv::Vec3f>(v);
+    for (int u = 0; u < image.cols; ++u) {
+      int strongest = 0;
+      float most = -1.0f;
+      for (int c = 0; c < 3; ++c) {
+        const float square = us[u][c] * us[u][c] + vs[u][c] * vs[u][c];
+        if (square <= most) continue;
+        most = square;
+        strongest = c;
+      }
+      result.along_u.at<float>(v, u) = us[u][strongest];
+      result.along_v.at<float>(v, u) = vs[u][strongest];
+    }
+  }
   return result;
 }
 
@@ -84,12 +111,12 @@ class PlacesBetweenMasks {
 // across the edge.
 class PlacesOnEdges {
  public:
-  explicit PlacesOnEdges(const cv::Mat& grey) {
-    cv::Mat smooth;
-    grey.convertTo(smooth, CV_32F);
-    cv::GaussianBlur(smooth, smooth, cv::Size(), kPlaceSigma);
-    cv::Sobel(smooth, gradient_u_, CV_32F, 1, 0);
-    cv::Sobel(smooth, gradient_v_, CV_32F, 0, 1);
+  explicit PlacesOnEdges(const cv::Mat& image) {
+    cv::Mat fine;  // than steps of 1: a parabola is laid through the gradient
+    image.convertTo(fine, CV_32F);
+    const Changes gradient = gradientOf(fine, kPlaceSigma);
+    gradient_u_ = gradient.along_u;
+    gradient_v_ = gradient.along_v;
     cv::magnitude(gradient_u_, gradient_v_, magnitude_);
   }
 
@@ -144,28 +171,22 @@ std::vector<Border> collect(const cv::Mat& pixels, Changes changes, const Place&
   return borders;
 }
 
-Changes intensityChanges(const cv::Mat& smooth) {
-  Changes changes;
-  cv::Sobel(smooth, changes.along_u, CV_32F, 1, 0);
-  cv::Sobel(smooth, changes.along_v, CV_32F, 0, 1);
-  changes.along_u = changes.along_u.mul(changes.along_u);
-  changes.along_v = changes.along_v.mul(changes.along_v);
-  return changes;
-}
-
 }  // namespace
 
 std::vector<Border> maskBorders(const cv::Mat& sets, const cv::Mat& image) {
   const SetChanges masks = changesOf(sets);
   if (image.empty()) return collect(masks.pixels, masks.changes, PlacesBetweenMasks(sets));
-  cv::Mat grey, smooth, edges, distance;
-  cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
-  cv::GaussianBlur(grey, smooth, cv::Size(), kEdgeSigma);
-  cv::Canny(smooth, edges, kEdgeLow, kEdgeHigh, 3, true);
   if (cv::countNonZero(masks.pixels) == 0) return {};  // the distance to nothing is not defined
+  Changes gradient = gradientOf(image, kEdgeSigma);
+  cv::Mat along_u, along_v, edges, distance;
+  gradient.along_u.convertTo(along_u, CV_16S);
+  gradient.along_v.convertTo(along_v, CV_16S);
+  cv::Canny(along_u, along_v, edges, kEdgeLow, kEdgeHigh, true);
   cv::distanceTransform(masks.pixels == 0, distance, cv::DIST_L2, cv::DIST_MASK_PRECISE);
   cv::bitwise_and(edges, distance <= kReach, edges);
-  return collect(edges, intensityChanges(smooth), PlacesOnEdges(grey));
+  gradient.along_u = gradient.along_u.mul(gradient.along_u);
+  gradient.along_v = gradient.along_v.mul(gradient.along_v);
+  return collect(edges, gradient, PlacesOnEdges(image));
 }
 
 }  // namespace lidar_camera_recalibration
