@@ -15,7 +15,7 @@ constexpr std::int64_t kInfoTolerance = 1'000'000;  // [ns]
 // Masks of an unknown image are given up when images so much newer have come.
 constexpr std::int64_t kMaxDisorder = 1'000'000'000;  // [ns]
 // The newest pairs that thinning leaves alone: their masks are still to be expected.
-constexpr std::ptrdiff_t kNewestKept = 3;
+constexpr std::ptrdiff_t kNewestKept = 2;
 // The segmenter may have got an image more or less than we have: one to each side at 10 Hz.
 constexpr std::int64_t kAwaitedMargin = 150'000'000;  // [ns]
 constexpr std::size_t kMaxAwaited = 16;
