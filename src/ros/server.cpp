@@ -1,9 +1,7 @@
 #include "server.hpp"
 
-#include <pthread.h>
 #include <ros/console.h>
 #include <ros/time.h>
-#include <sched.h>
 
 #include <algorithm>
 #include <atomic>
@@ -39,15 +37,6 @@ ros::Time now() { return ros::Time::isValid() ? ros::Time::now() : ros::Time(); 
 
 Clock::duration fromSeconds(double seconds) {
   return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
-}
-
-/// Callbacks wake the thread that calls this, and it computes for long: it shall not take the core from them.
-/// Threads that it starts inherit that.
-void doNotPreemptOthers() {
-#ifdef SCHED_BATCH
-  const sched_param parameters{};
-  pthread_setschedparam(pthread_self(), SCHED_BATCH, &parameters);
-#endif
 }
 
 Recalibrate::Response answer(bool success, const std::string& message) {
@@ -351,7 +340,6 @@ void RecalibrationServer::Impl::guarded(const char* what, const Action& action) 
 
 /// Inputs become frames, frames are scored and kept, a requested search is started and its outcome applied.
 void RecalibrationServer::Impl::run() {
-  doNotPreemptOthers();
   while (waitForWork()) {
     for (const Input& input : takeInputs()) guarded("taking a message", [&] { input.add(pipeline_); });
     guarded("processing a frame", [&] { pipeline_.step(); });
