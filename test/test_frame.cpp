@@ -182,6 +182,16 @@ TEST(VisiblePoints, DoesNotDependOnTheCamerasOrientation) {
   EXPECT_EQ(visiblePoints(points, exp(turn) * T), visiblePoints(points, T));
 }
 
+TEST(VisiblePoints, DoesNotDependOnTheOrderOfThePoints) {
+  const Points points = scan(street(), 32, -25.0, 10.0);
+  const Eigen::Isometry3d T = cameraAt({0, 0.4, -0.5});
+  const auto visible = visiblePoints(points, T);
+  ASSERT_GT(std::count(visible.begin(), visible.end(), 0), 50);
+  auto reversed = visiblePoints(Points(points.rbegin(), points.rend()), T);
+  std::reverse(reversed.begin(), reversed.end());
+  EXPECT_EQ(reversed, visible);
+}
+
 TEST(VisiblePoints, FewOrDegeneratePointsAreVisible) {
   const Eigen::Isometry3d T = cameraAt({0, 0, -0.5});
   EXPECT_TRUE(visiblePoints({}, T).empty());

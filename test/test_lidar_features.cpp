@@ -127,17 +127,16 @@ TEST(Normals, FacesOfACornerKeepTheirDirections) {
   }
 }
 
-TEST(Normals, AgreeWithABruteForceFit) {
-  constexpr int kNeighbours = 10;
-  const Points points = randomPoints(400, 3);
-  const auto normals = estimateNormals(points, kNeighbours);
+// Against a fit to neighbours that are found by sorting all points.
+void expectNormalsOfNearest(const Points& points, int neighbours) {
+  const auto normals = estimateNormals(points, neighbours);
   for (std::size_t i = 0; i < points.size(); ++i) {
     auto nearest = identity(points.size());
     std::sort(nearest.begin(), nearest.end(), [&](std::size_t a, std::size_t b) {
       return (points[a] - points[i]).squaredNorm() < (points[b] - points[i]).squaredNorm();
     });
-    Eigen::MatrixXd rows(kNeighbours, 3);
-    for (int k = 0; k < kNeighbours; ++k) rows.row(k) = points[nearest[k]].cast<double>();
+    Eigen::MatrixXd rows(neighbours, 3);
+    for (int k = 0; k < neighbours; ++k) rows.row(k) = points[nearest[k]].cast<double>();
     rows.rowwise() -= rows.colwise().mean().eval();
     const Eigen::JacobiSVD<Eigen::MatrixXd> svd(rows, Eigen::ComputeFullV);
     const Eigen::Vector3d expected = svd.matrixV().col(2);
@@ -145,6 +144,14 @@ TEST(Normals, AgreeWithABruteForceFit) {
     EXPECT_NEAR(normals[i].norm(), 1.0f, 1e-5f);
     EXPECT_LE(normals[i].dot(points[i]), 0.0f);
   }
+}
+
+TEST(Normals, AgreeWithABruteForceFit) {
+  expectNormalsOfNearest(randomPoints(400, 3), 10);
+  // Most points far apart, some close together and far from the origin.
+  Points points = randomPoints(500, 4);
+  for (const auto& p : randomPoints(300, 5)) points.push_back(Eigen::Vector3f(60, -40, 3) + 0.02f * p);
+  expectNormalsOfNearest(points, 30);
 }
 
 TEST(Normals, AreZeroWhereNoPlaneFits) {
@@ -271,21 +278,46 @@ TEST(Segment, NoLevelSlabThroughUprightThings) {
   EXPECT_EQ(segmented(points, LidarFeatureConfig{}).plane_count, 0);
 }
 
+// Upward normals, each off by the angle of this slope into a random direction.
+Points coarseNormals(std::size_t count, float slope) {
+  std::mt19937 random(2);
+  std::uniform_real_distribution<float> turn(0.0f, 6.2832f);
+  Points normals;
+  for (std::size_t i = 0; i < count; ++i) {
+    const float phi = turn(random);
+    normals.push_back(Eigen::Vector3f(slope * std::cos(phi), slope * std::sin(phi), 1.0f).normalized());
+  }
+  return normals;
+}
+
 // No single normal is good enough for a street of 80 m, all of them are off by 10 deg.
 TEST(Segment, CoarseNormalsStillGiveTheWholePlane) {
   Points points;
   addRectangle(points, {2, -10, -1.7f}, {80, 0, 0}, {0, 20, 0}, 0.4f);
-  std::mt19937 random(2);
-  std::uniform_real_distribution<float> turn(0.0f, 6.2832f);
   LidarFeatures features;
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const float phi = turn(random), slope = 0.1763f;
-    features.normals.push_back(
-        Eigen::Vector3f(slope * std::cos(phi), slope * std::sin(phi), 1.0f).normalized());
-  }
+  features.normals = coarseNormals(points.size(), 0.1763f);
   segment(points, LidarFeatureConfig{}, features);
   EXPECT_EQ(features.plane_count, 1);
   EXPECT_EQ(classesOf(features, 0, points.size()), std::vector<std::int32_t>({0}));
+}
+
+// A plane between their heights holds more points within plane_distance than either.
+TEST(Segment, RoadAndPavementsAreTwoPlanes) {
+  Points points;
+  addRectangle(points, {4, -4, -1.7f}, {20, 0, 0}, {0, 8, 0}, 0.1f);
+  const std::size_t pavement = points.size();
+  addRectangle(points, {4, 4.2f, -1.42f}, {20, 0, 0}, {0, 2.5f, 0}, 0.1f);
+  addRectangle(points, {4, -6.7f, -1.42f}, {20, 0, 0}, {0, 2.5f, 0}, 0.1f);
+  LidarFeatures features;
+  features.normals = coarseNormals(points.size(), 0.02f);
+  segment(points, LidarFeatureConfig{}, features);
+  EXPECT_EQ(features.plane_count, 2);
+  const auto share = [&](std::size_t begin, std::size_t end, std::int32_t id) {
+    const auto first = features.segment.begin();
+    return static_cast<double>(std::count(first + begin, first + end, id)) / static_cast<double>(end - begin);
+  };
+  EXPECT_GT(share(0, pavement, 0), 0.98);
+  EXPECT_GT(share(pavement, points.size(), 1), 0.98);
 }
 
 TEST(Segment, OnlyAgreeingNormalsSupportAPlane) {

@@ -5,6 +5,7 @@
 #include <functional>
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 #include <set>
 
 #include "lidar_camera_recalibration/error.hpp"
@@ -226,4 +227,26 @@ TEST(Masks, RealFrameTakesMilliseconds) {
 #if defined(__OPTIMIZE__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
   EXPECT_LT(fastest, 50.0);  // generous, for loaded machines
 #endif
+}
+
+TEST(MaskSets, EnterTheIdealImageLikeTheirLayers) {
+  lcr::Intrinsics i;
+  i.width = 160;
+  i.height = 120;
+  i.fx = i.fy = 90.0;
+  i.cx = 79.5;
+  i.cy = 59.5;
+  i.model = lcr::DistortionModel::kPlumbBob;
+  i.distortion = {-0.25, 0.05, 0.002, -0.001, 0.0};
+  const lcr::Camera camera(i);
+  Layers layers = randomLayers(3, 40, i.width, i.height, 8), ideal;
+  layers[0].col(0).setTo(1000);  // not in the ideal image
+  for (const cv::Mat& layer : layers) ideal.push_back(camera.toIdeal(layer, cv::INTER_NEAREST));
+  ASSERT_EQ(cv::countNonZero(ideal[0] == 1000), 0);
+  const lcr::MaskSets expected = lcr::MaskSets::fromLayers(ideal);
+  const lcr::MaskSets sets = lcr::MaskSets::fromLayers(layers).toIdeal(camera);
+  EXPECT_EQ(sets.maskCount(), expected.maskCount());
+  EXPECT_EQ(cv::countNonZero(sets.setOfPixel() != expected.setOfPixel()), 0);
+  EXPECT_EQ(sets.setBegin(), expected.setBegin());
+  EXPECT_EQ(sets.setMasks(), expected.setMasks());
 }

@@ -4,6 +4,8 @@
 #include <opencv2/core.hpp>
 #include <vector>
 
+#include "lidar_camera_recalibration/camera.hpp"
+
 namespace lidar_camera_recalibration {
 
 /// The masks of one image. Masks may overlap, so a pixel belongs to a *set* of masks; the few distinct sets
@@ -17,6 +19,10 @@ class MaskSets {
   /// @throw Error(kMasks) if the layers differ in size or type, hold no mask at all, hold negative ids, or
   /// make more than 65535 distinct sets (noise, not masks).
   static MaskSets fromLayers(const std::vector<cv::Mat>& layers);
+
+  /// In the ideal image of the camera that took the image; sets and masks that it does not show are left out.
+  /// @throw Error(kImage) if the size is not the camera's.
+  MaskSets toIdeal(const Camera& camera) const;
 
   int width() const { return set_of_pixel_.cols; }
   int height() const { return set_of_pixel_.rows; }

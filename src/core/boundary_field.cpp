@@ -75,12 +75,13 @@ BoundaryField::Channel BoundaryField::makeChannel(std::vector<Border> borders, c
     border_of_label[static_cast<std::size_t>(label.at<int>(borders[i].pixel))] = static_cast<int>(i);
   }
   for (int v = 0; v < size.height; ++v) {
+    auto* const nearest = label.ptr<int>(v);
+    auto* const from_nearest = distance.ptr<float>(v);
     for (int u = 0; u < size.width; ++u) {
-      int& nearest = label.at<int>(v, u);
-      nearest = border_of_label[static_cast<std::size_t>(nearest)];
-      const Border& border = borders[static_cast<std::size_t>(nearest)];
-      distance.at<float>(v, u) =
-          std::hypot(static_cast<float>(u) - border.u, static_cast<float>(v) - border.v);
+      nearest[u] = border_of_label[static_cast<std::size_t>(nearest[u])];
+      const Border& border = borders[static_cast<std::size_t>(nearest[u])];
+      const float du = static_cast<float>(u) - border.u, dv = static_cast<float>(v) - border.v;
+      from_nearest[u] = std::sqrt(du * du + dv * dv);
     }
   }
   Channel channel;

@@ -88,7 +88,6 @@ cv::Mat idealImage(const Camera& camera, const cv::Mat& image) {
 MaskSets idealMasks(const Camera& camera, const std::vector<cv::Mat>& layers, int min_masks) {
   if (layers.empty())
     throw Error(ErrorCause::kMasks, "The frame has no mask layer: give at least one label image.");
-  std::vector<cv::Mat> ideal;
   for (const cv::Mat& layer : layers) {
     if (!hasSizeOf(layer, camera.intrinsics())) {
       throw Error(ErrorCause::kMasks,
@@ -100,9 +99,9 @@ MaskSets idealMasks(const Camera& camera, const std::vector<cv::Mat>& layers, in
       throw Error(ErrorCause::kMasks, "A mask layer has OpenCV type " + cv::typeToString(layer.type()) +
                                           ": convert it to a CV_32SC1 label image.");
     }
-    ideal.push_back(camera.distorted() ? camera.toIdeal(layer, cv::INTER_NEAREST) : layer);
   }
-  MaskSets masks = MaskSets::fromLayers(ideal);
+  MaskSets masks = MaskSets::fromLayers(layers);
+  if (camera.distorted()) masks = masks.toIdeal(camera);
   if (static_cast<long>(masks.maskCount()) < min_masks) {
     throw Error(ErrorCause::kNotEnough, "The frame has " + std::to_string(masks.maskCount()) +
                                             " masks, min_masks is " + std::to_string(min_masks) +

@@ -63,6 +63,13 @@ std::string describe(const cv::Mat& image) {
          std::to_string(image.type());
 }
 
+// Negative if any value is.
+std::int32_t signsOf(const std::int32_t* values, int count) {
+  std::int32_t signs = 0;
+  for (int i = 0; i < count; ++i) signs |= values[i];
+  return signs;
+}
+
 void checkLayers(const std::vector<cv::Mat>& layers) {
   if (layers.empty() || layers.front().empty()) throw Error(ErrorCause::kMasks, "there is no mask layer");
   for (std::size_t l = 0; l < layers.size(); ++l) {
@@ -71,15 +78,16 @@ void checkLayers(const std::vector<cv::Mat>& layers) {
                                           "; all layers must be CV_32SC1 and of one size, here " +
                                           describe(layers.front()) + " in the first");
     }
+    std::int32_t signs = 0;
+    for (int v = 0; v < layers[l].rows; ++v) signs |= signsOf(layers[l].ptr<std::int32_t>(v), layers[l].cols);
+    if (signs >= 0) continue;
     double smallest = 0.0;
     cv::Point where;
     cv::minMaxLoc(layers[l], &smallest, nullptr, &where);
-    if (smallest < 0.0) {
-      std::ostringstream message;
-      message << "mask layer " << l << " holds the negative id " << static_cast<std::int64_t>(smallest)
-              << " at pixel " << where << "; use 0 for no mask and positive ids";
-      throw Error(ErrorCause::kMasks, message.str());
-    }
+    std::ostringstream message;
+    message << "mask layer " << l << " holds the negative id " << static_cast<std::int64_t>(smallest)
+            << " at pixel " << where << "; use 0 for no mask and positive ids";
+    throw Error(ErrorCause::kMasks, message.str());
   }
 }
 
@@ -87,20 +95,24 @@ void checkLayers(const std::vector<cv::Mat>& layers) {
 cv::Mat numberPixels(const std::vector<cv::Mat>& layers, SetNumbers& numbers) {
   const std::size_t count = layers.size();
   cv::Mat set_of_pixel(layers.front().size(), CV_16UC1);
-  Ids last(count, 0);
-  std::uint16_t last_number = 0;
-  std::vector<const std::int32_t*> rows(count);
+  const int width = set_of_pixel.cols;
+  Ids ids(count);
+  std::vector<std::int32_t> changes(static_cast<std::size_t>(width));  // not 0: other ids than to the left
   for (int v = 0; v < set_of_pixel.rows; ++v) {
-    for (std::size_t l = 0; l < count; ++l) rows[l] = layers[l].ptr<std::int32_t>(v);
-    auto* out = set_of_pixel.ptr<std::uint16_t>(v);
-    for (int u = 0; u < set_of_pixel.cols; ++u) {
-      bool same = true;
-      for (std::size_t l = 0; l < count; ++l) same &= rows[l][u] == last[l];
-      if (!same) {
-        for (std::size_t l = 0; l < count; ++l) last[l] = rows[l][u];
-        last_number = numbers.numberOf(last);
+    std::fill(changes.begin(), changes.end(), 0);
+    changes.front() = 1;
+    for (const cv::Mat& layer : layers) {
+      const auto* const row = layer.ptr<std::int32_t>(v);
+      for (int u = 1; u < width; ++u) changes[static_cast<std::size_t>(u)] |= row[u] ^ row[u - 1];
+    }
+    auto* const out = set_of_pixel.ptr<std::uint16_t>(v);
+    std::uint16_t number = 0;
+    for (int u = 0; u < width; ++u) {
+      if (changes[static_cast<std::size_t>(u)] != 0) {
+        for (std::size_t l = 0; l < count; ++l) ids[l] = layers[l].ptr<std::int32_t>(v)[u];
+        number = numbers.numberOf(ids);
       }
-      out[u] = last_number;
+      out[u] = number;
     }
   }
   return set_of_pixel;
@@ -126,6 +138,44 @@ MaskSets MaskSets::fromLayers(const std::vector<cv::Mat>& layers) {
     for (const std::int32_t id : *set) {
       const auto index = std::lower_bound(ids.begin(), ids.end(), id) - ids.begin();
       result.set_masks_.push_back(static_cast<std::uint32_t>(index));
+    }
+    result.set_begin_.push_back(static_cast<std::uint32_t>(result.set_masks_.size()));
+  }
+  return result;
+}
+
+MaskSets MaskSets::toIdeal(const Camera& camera) const {
+  MaskSets result;
+  result.set_of_pixel_ = camera.toIdeal(set_of_pixel_, cv::INTER_NEAREST);
+  // The sets that are left, in the order in which they appear.
+  std::vector<std::uint32_t> old_number{0};
+  std::vector<std::int32_t> new_number(setCount(), -1);
+  new_number[0] = 0;
+  for (int v = 0; v < height(); ++v) {
+    auto* const row = result.set_of_pixel_.ptr<std::uint16_t>(v);
+    for (int u = 0; u < width(); ++u) {
+      std::int32_t& number = new_number[row[u]];
+      if (number < 0) {
+        number = static_cast<std::int32_t>(old_number.size());
+        old_number.push_back(row[u]);
+      }
+      row[u] = static_cast<std::uint16_t>(number);
+    }
+  }
+  // Likewise the masks.
+  std::vector<std::uint32_t> mask_number(mask_count_, 0);
+  for (const std::uint32_t s : old_number) {
+    for (std::uint32_t k = set_begin_[s]; k < set_begin_[s + 1]; ++k) mask_number[set_masks_[k]] = 1;
+  }
+  for (std::uint32_t& number : mask_number) {
+    const bool used = number != 0;
+    number = static_cast<std::uint32_t>(result.mask_count_);
+    result.mask_count_ += used;
+  }
+  result.set_begin_.push_back(0);
+  for (const std::uint32_t s : old_number) {
+    for (std::uint32_t k = set_begin_[s]; k < set_begin_[s + 1]; ++k) {
+      result.set_masks_.push_back(mask_number[set_masks_[k]]);
     }
     result.set_begin_.push_back(static_cast<std::uint32_t>(result.set_masks_.size()));
   }

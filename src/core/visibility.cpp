@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <array>
-#include <boost/polygon/voronoi.hpp>
 #include <cmath>
 #include <limits>
 #include <opencv2/imgproc.hpp>
@@ -16,23 +15,24 @@
 namespace lidar_camera_recalibration {
 namespace {
 
-using Triangle = std::array<std::size_t, 3>;
-using Site = boost::polygon::point_data<int>;
+using Triangle = std::array<std::uint32_t, 3>;
 
 // Samples further apart than this are not taken for neighbours [rad]: two beams of a 16-beam LiDAR, and a few
 // azimuth steps.
-constexpr double kMaxElevationGap = 2.6 * kDegree;
-constexpr double kMaxAzimuthGap = 1.0 * kDegree;
+constexpr float kMaxElevationGap = 2.6f * static_cast<float>(kDegree);
+constexpr float kMaxAzimuthGap = 1.0f * static_cast<float>(kDegree);
 // A surface may recede by so much from one sample to the next [m], [m/m].
-constexpr double kMaxRangeStep = 0.4;
-constexpr double kMaxRelativeRangeStep = 0.04;
+constexpr float kMaxRangeStep = 0.4f;
+constexpr float kMaxRelativeRangeStep = 0.04f;
+// Height of a row of samples [rad].
+constexpr float kMinRowHeight = 0.1f * static_cast<float>(kDegree), kMaxRowHeight = kMaxAzimuthGap;
 // A hidden point lies so much behind the surface [m], [m/m].
 constexpr double kHiddenGap = 0.5;
 constexpr double kRelativeHiddenGap = 0.05;
 // Cell of the camera's depth image [rad].
-constexpr double kCell = 0.1 * kDegree;
+constexpr float kCell = 0.1f * static_cast<float>(kDegree);
 // Triangles so close to the camera that they appear wider than this are left out [rad].
-constexpr double kMaxAppearance = 15.0 * kDegree;
+constexpr float kMaxAppearance = 15.0f * static_cast<float>(kDegree);
 
 // Direction and distance of all points, seen from one place. Azimuth runs around z and is 0 in the middle of
 // the cloud.
@@ -41,59 +41,127 @@ struct View {
   std::vector<float> distance;            // [m]
 };
 
-View viewFrom(const Eigen::Vector3d& place, const std::vector<Eigen::Vector3f>& points, double forward) {
+View viewFrom(const Eigen::Vector3f& place, const std::vector<Eigen::Vector3f>& points,
+              const Eigen::Vector2f& forward) {
   View view;
+  for (auto* column : {&view.azimuth, &view.elevation, &view.distance}) column->reserve(points.size());
   for (const auto& point : points) {
-    const Eigen::Vector3d d = point.cast<double>() - place;
-    const double azimuth = std::atan2(d.y(), d.x()) - forward;
-    view.azimuth.push_back(static_cast<float>(std::remainder(azimuth, 2.0 * M_PI)));
-    view.elevation.push_back(static_cast<float>(std::atan2(d.z(), std::hypot(d.x(), d.y()))));
-    view.distance.push_back(static_cast<float>(d.norm()));
+    const Eigen::Vector3f d = point - place;
+    const float along = forward.x() * d.x() + forward.y() * d.y(),
+                left = forward.x() * d.y() - forward.y() * d.x();
+    view.azimuth.push_back(std::atan2(left, along));
+    view.elevation.push_back(std::atan2(d.z(), d.head<2>().norm()));
+    view.distance.push_back(d.norm());
   }
   return view;
 }
 
 float spread(const std::vector<float>& values, const Triangle& t) {
-  const auto range = std::minmax({values[t[0]], values[t[1]], values[t[2]]});
-  return range.second - range.first;
+  const float a = values[t[0]], b = values[t[1]], c = values[t[2]];
+  return std::max(a, std::max(b, c)) - std::min(a, std::min(b, c));
 }
 
-// Whether three neighbouring samples lie on one surface.
-bool onOneSurface(const View& lidar, const Triangle& t) {
-  const double near = std::min({lidar.distance[t[0]], lidar.distance[t[1]], lidar.distance[t[2]]});
-  return spread(lidar.elevation, t) <= kMaxElevationGap &&
-         spread(lidar.azimuth, t) * std::cos(lidar.elevation[t[0]]) <= kMaxAzimuthGap &&
-         spread(lidar.distance, t) <= std::max(kMaxRangeStep, kMaxRelativeRangeStep * near);
-}
+// Samples of about one elevation, sorted by azimuth. Not the LiDAR's rings: those cross each other where
+// lasers do not start at one place, and not all clouds have them.
+struct Row {
+  std::vector<std::uint32_t> points;
+  float elevation = 0.0f;  // mean [rad]
+};
 
-// Delaunay triangulation of the LiDAR's directions, reduced to surfaces.
-std::vector<Triangle> surfaceTriangles(const View& lidar) {
-  constexpr double kUnit = 1e-6;  // of the integer coordinates [rad]; far below any LiDAR's resolution
-  std::vector<Site> sites;
-  for (std::size_t i = 0; i < lidar.azimuth.size(); ++i) {
-    sites.emplace_back(static_cast<int>(std::lround(lidar.azimuth[i] / kUnit)),
-                       static_cast<int>(std::lround(lidar.elevation[i] / kUnit)));
+// From bottom to top, so high that samples are as far apart within a row as the rows are.
+std::vector<Row> rowsOf(const View& lidar) {
+  const auto azimuth = std::minmax_element(lidar.azimuth.begin(), lidar.azimuth.end());
+  const auto elevation = std::minmax_element(lidar.elevation.begin(), lidar.elevation.end());
+  const float bottom = *elevation.first;
+  const float area = (*azimuth.second - *azimuth.first) * (*elevation.second - bottom);
+  const float height =
+      std::clamp(std::sqrt(area / static_cast<float>(lidar.azimuth.size())), kMinRowHeight, kMaxRowHeight);
+  std::vector<Row> rows(static_cast<std::size_t>((*elevation.second - bottom) / height) + 1);
+  for (std::uint32_t i = 0; i < lidar.elevation.size(); ++i) {
+    Row& row = rows[static_cast<std::size_t>((lidar.elevation[i] - bottom) / height)];
+    row.points.push_back(i);
+    row.elevation += lidar.elevation[i];
   }
-  boost::polygon::voronoi_diagram<double> voronoi;
-  boost::polygon::construct_voronoi(sites.begin(), sites.end(), &voronoi);
+  rows.erase(std::remove_if(rows.begin(), rows.end(), [](const Row& row) { return row.points.empty(); }),
+             rows.end());
+  for (Row& row : rows) {
+    row.elevation /= static_cast<float>(row.points.size());
+    std::sort(row.points.begin(), row.points.end(), [&](std::uint32_t a, std::uint32_t b) {
+      return std::make_pair(lidar.azimuth[a], a) < std::make_pair(lidar.azimuth[b], b);
+    });
+  }
+  return rows;
+}
 
-  std::vector<Triangle> triangles;
-  for (const auto& vertex : voronoi.vertices()) {
-    // The cells around a vertex form a triangle; on a regular grid a polygon, which becomes a fan.
-    const auto* const first = vertex.incident_edge();
-    const std::size_t tip = first->cell()->source_index();
-    for (auto* edge = first->rot_next(); edge->rot_next() != first; edge = edge->rot_next()) {
-      const Triangle t{tip, edge->cell()->source_index(), edge->rot_next()->cell()->source_index()};
-      if (onOneSurface(lidar, t)) triangles.push_back(t);
+// Triangles between neighbouring samples that lie on one surface.
+class Surfaces {
+ public:
+  Surfaces(const View& lidar, const std::vector<Row>& rows) : lidar_(lidar), rows_(rows) {
+    for (std::size_t r = 0; r + 1 < rows.size(); ++r) addAbove(r);
+  }
+
+  const std::vector<Triangle>& triangles() const { return triangles_; }
+
+ private:
+  static constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+
+  // Between a row and the ones above it.
+  void addAbove(std::size_t r) {
+    const std::vector<std::uint32_t>& row = rows_[r].points;
+    next_.assign(rows_.size() - r, 0);
+    std::uint32_t left = row.front(), above_left = neighbourAbove(r, left);
+    for (std::size_t k = 1; k < row.size(); ++k) {
+      const std::uint32_t right = row[k], above_right = neighbourAbove(r, right);
+      const bool lower = add({left, right, above_left}), upper = add({right, above_right, above_left});
+      if (!lower && !upper) {  // three of the four may still lie on one surface
+        add({left, right, above_right});
+        add({left, above_right, above_left});
+      }
+      left = right;
+      above_left = above_right;
     }
   }
-  return triangles;
-}
+
+  // The sample above another one, in the first row that has one there: rows have holes. Expects to be asked
+  // in the order of the row.
+  std::uint32_t neighbourAbove(std::size_t r, std::uint32_t i) {
+    for (std::size_t above = r + 1; above < rows_.size(); ++above) {
+      if (rows_[above].elevation - rows_[r].elevation > kMaxElevationGap) break;
+      const std::vector<std::uint32_t>& row = rows_[above].points;
+      const auto distance = [&](std::size_t k) {
+        return std::abs(lidar_.azimuth[row[k]] - lidar_.azimuth[i]);
+      };
+      std::size_t& k = next_[above - r - 1];
+      while (k + 1 < row.size() && distance(k + 1) <= distance(k)) ++k;
+      if (distance(k) <= 0.5f * kMaxAzimuthGap) return row[k];
+    }
+    return kNone;
+  }
+
+  bool add(const Triangle& t) {
+    if (t[1] == t[2] || std::max({t[0], t[1], t[2]}) == kNone || !onOneSurface(t)) return false;
+    triangles_.push_back(t);
+    return true;
+  }
+
+  bool onOneSurface(const Triangle& t) const {
+    const std::vector<float>& d = lidar_.distance;
+    const float near = std::min(d[t[0]], std::min(d[t[1]], d[t[2]]));
+    return spread(d, t) <= std::max(kMaxRangeStep, kMaxRelativeRangeStep * near) &&
+           spread(lidar_.elevation, t) <= kMaxElevationGap &&
+           spread(lidar_.azimuth, t) * std::cos(lidar_.elevation[t[0]]) <= kMaxAzimuthGap;
+  }
+
+  const View& lidar_;
+  const std::vector<Row>& rows_;
+  std::vector<std::size_t> next_;  // of the row at hand: where to go on in each row above
+  std::vector<Triangle> triangles_;
+};
 
 // Nearest surface in each direction from the camera; infinite where there is none.
 class DepthImage {
  public:
-  DepthImage(const View& camera, std::vector<Triangle> triangles) : view_(camera) {
+  DepthImage(const View& camera, const std::vector<Triangle>& triangles) : view_(camera) {
     const auto azimuth = std::minmax_element(view_.azimuth.begin(), view_.azimuth.end());
     const auto elevation = std::minmax_element(view_.elevation.begin(), view_.elevation.end());
     left_ = *azimuth.first;
@@ -101,7 +169,7 @@ class DepthImage {
     depth_.create(cvCeil((*elevation.second - bottom_) / kCell) + 2,
                   cvCeil((*azimuth.second - left_) / kCell) + 2, CV_32FC1);
     depth_.setTo(std::numeric_limits<float>::infinity());
-    draw(triangles);
+    for (const Triangle& triangle : triangles) draw(triangle);
     // The farthest depth of the neighbourhood: a line of sight must be surrounded by nearer surface.
     cv::dilate(depth_, depth_, cv::Mat());
   }
@@ -109,28 +177,36 @@ class DepthImage {
   float depthAt(std::size_t i) const { return depth_.at<float>(cvRound(row(i)), cvRound(column(i))); }
 
  private:
-  double column(std::size_t i) const { return (view_.azimuth[i] - left_) / kCell; }
-  double row(std::size_t i) const { return (view_.elevation[i] - bottom_) / kCell; }
+  float column(std::size_t i) const { return (view_.azimuth[i] - left_) / kCell; }
+  float row(std::size_t i) const { return (view_.elevation[i] - bottom_) / kCell; }
 
-  // From far to near, so that the nearest remains. Each triangle has the distance of its farthest corner.
-  void draw(std::vector<Triangle>& triangles) {
-    std::vector<std::pair<float, std::size_t>> order;
-    for (std::size_t t = 0; t < triangles.size(); ++t) {
-      const auto& [a, b, c] = triangles[t];
-      order.emplace_back(std::max({view_.distance[a], view_.distance[b], view_.distance[c]}), t);
+  // A triangle has the distance of its farthest corner.
+  void draw(const Triangle& t) {
+    if (spread(view_.azimuth, t) > kMaxAppearance || spread(view_.elevation, t) > kMaxAppearance) return;
+    const float distance = std::max({view_.distance[t[0]], view_.distance[t[1]], view_.distance[t[2]]});
+    const float x[3] = {column(t[0]), column(t[1]), column(t[2])}, y[3] = {row(t[0]), row(t[1]), row(t[2])};
+    const auto [left, right] = std::minmax({x[0], x[1], x[2]});
+    const auto [bottom, top] = std::minmax({y[0], y[1], y[2]});
+    // All cells that the triangle touches: those that it leaves with no side.
+    const float turn = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0]);
+    const float sign = turn < 0.0f ? -1.0f : 1.0f;
+    float along_x[3], along_y[3], constant[3];
+    for (int k = 0; k < 3; ++k) {
+      const int m = (k + 1) % 3;
+      along_x[k] = sign * (y[k] - y[m]);
+      along_y[k] = sign * (x[m] - x[k]);
+      constant[k] =
+          0.5f * (std::abs(along_x[k]) + std::abs(along_y[k])) - along_x[k] * x[k] - along_y[k] * y[k];
     }
-    std::sort(order.begin(), order.end(), std::greater<>());
-    for (const auto& [distance, t] : order) {
-      const Triangle& triangle = triangles[t];
-      if (spread(view_.azimuth, triangle) > kMaxAppearance) continue;
-      if (spread(view_.elevation, triangle) > kMaxAppearance) continue;
-      constexpr int kShift = 4;  // fractional bits
-      std::array<cv::Point, 3> corners;
-      for (int k = 0; k < 3; ++k) {
-        corners[k] = {cvRound(column(triangle[k]) * (1 << kShift)),
-                      cvRound(row(triangle[k]) * (1 << kShift))};
+    for (int v = cvRound(bottom); v <= cvRound(top); ++v) {
+      float* const depth = depth_.ptr<float>(v);
+      for (int u = cvRound(left); u <= cvRound(right); ++u) {
+        const auto inside = [&](int k) {
+          return along_x[k] * static_cast<float>(u) + along_y[k] * static_cast<float>(v) + constant[k] >=
+                 0.0f;
+        };
+        if (inside(0) && inside(1) && inside(2)) depth[u] = std::min(depth[u], distance);
       }
-      cv::fillConvexPoly(depth_, corners.data(), 3, cv::Scalar(distance), cv::LINE_8, kShift);
     }
   }
 
@@ -145,13 +221,13 @@ std::vector<std::uint8_t> visiblePoints(const std::vector<Eigen::Vector3f>& poin
                                         const Eigen::Isometry3d& T_camera_lidar) {
   std::vector<std::uint8_t> visible(points.size(), 1);
   if (points.size() < 3) return visible;
-  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-  for (const auto& p : points) middle += p.cast<double>().normalized();
-  const double forward = std::atan2(middle.y(), middle.x());
+  Eigen::Vector3f middle = Eigen::Vector3f::Zero();
+  for (const auto& p : points) middle += p.normalized();
+  const Eigen::Vector2f forward = middle.head<2>().normalized();
 
-  const View lidar = viewFrom(Eigen::Vector3d::Zero(), points, forward);
-  const View camera = viewFrom(T_camera_lidar.inverse().translation(), points, forward);
-  const DepthImage surfaces(camera, surfaceTriangles(lidar));
+  const View lidar = viewFrom(Eigen::Vector3f::Zero(), points, forward);
+  const View camera = viewFrom(T_camera_lidar.inverse().translation().cast<float>(), points, forward);
+  const DepthImage surfaces(camera, Surfaces(lidar, rowsOf(lidar)).triangles());
   for (std::size_t i = 0; i < points.size(); ++i) {
     const double distance = camera.distance[i];
     const double gap = std::max(kHiddenGap, kRelativeHiddenGap * distance);
