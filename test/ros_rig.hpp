@@ -16,14 +16,24 @@
 
 namespace lidar_camera_recalibration {
 
+inline std::uint64_t imagesDropped(const RecalibrationState& state) {
+  return state.dropped_unmatched + state.dropped_no_masks + state.dropped_invalid + state.dropped_poor +
+         state.dropped_no_extrinsic + state.dropped_memory + state.dropped_forgotten;
+}
+
+inline bool addsUp(const RecalibrationState& state) {
+  return state.images == state.scored + state.waiting + imagesDropped(state);
+}
+
 /// The vehicle around the node under test: publishes the synthetic scene, listens to what the node says.
 class RosRig {
  public:
-  explicit RosRig(const std::string& node = "/recalibration") : node_(node) {
-    image_ = handle_.advertise<sensor_msgs::Image>("/camera/image_raw", 10);
-    info_ = handle_.advertise<sensor_msgs::CameraInfo>("/camera/camera_info", 10);
+  explicit RosRig(const std::string& node = "/recalibration", const std::string& camera = "/camera")
+      : node_(node) {
+    image_ = handle_.advertise<sensor_msgs::Image>(camera + "/image_raw", 10);
+    info_ = handle_.advertise<sensor_msgs::CameraInfo>(camera + "/camera_info", 10);
     points_ = handle_.advertise<sensor_msgs::PointCloud2>("/lidar/points", 10);
-    masks_ = handle_.advertise<sensor_msgs::Image>("/camera/masks", 10);
+    masks_ = handle_.advertise<sensor_msgs::Image>(camera + "/masks", 10);
     score_ = handle_.subscribe<CalibrationScore>(node + "/score", 100,
                                                  [this](const CalibrationScore::ConstPtr& score) {
                                                    const std::lock_guard<std::mutex> lock(mutex_);
@@ -33,6 +43,7 @@ class RosRig {
                                                    [this](const RecalibrationState::ConstPtr& state) {
                                                      const std::lock_guard<std::mutex> lock(mutex_);
                                                      last_state_ = *state;
+                                                     if (!addsUp(*state)) states_add_up_ = false;
                                                    });
     diagnostics_ = handle_.subscribe<diagnostic_msgs::DiagnosticArray>(
         "/diagnostics", 100, [this](const diagnostic_msgs::DiagnosticArray::ConstPtr& array) {
@@ -74,19 +85,24 @@ class RosRig {
     FrameMessages messages = syntheticMessages(seed, stamp);
     if (edit) edit(messages);
     publish(messages);
-    CalibrationScore score;
-    eventually([&] {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      const auto found = scores_.find(stamp);
-      if (found != scores_.end()) score = found->second;
-      return found != scores_.end();
-    });
-    return score;
+    eventually([&] { return !score(stamp).header.stamp.isZero(); });
+    return score(stamp);
+  }
+  /// The score that came for the image of this stamp; one without a stamp if none did.
+  CalibrationScore score(const ros::Time& stamp) const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const auto found = scores_.find(stamp);
+    return found != scores_.end() ? found->second : CalibrationScore();
   }
 
   RecalibrationState state() const {
     const std::lock_guard<std::mutex> lock(mutex_);
     return last_state_;
+  }
+  /// Whether in every state so far each image was scored, held or dropped by one cause.
+  bool statesAddUp() const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return states_add_up_;
   }
   /// The diagnostic status whose name ends like this.
   diagnostic_msgs::DiagnosticStatus diagnostic(const std::string& name) const {
@@ -112,6 +128,7 @@ class RosRig {
   mutable std::mutex mutex_;
   std::map<ros::Time, CalibrationScore> scores_;
   RecalibrationState last_state_;
+  bool states_add_up_ = true;
   std::map<std::string, diagnostic_msgs::DiagnosticStatus> statuses_;
 };
 

@@ -15,17 +15,18 @@
 
 namespace lidar_camera_recalibration {
 
-/// The synthetic scene as a driver and a segmenter would publish it, in the frames `camera` and `lidar`.
-inline FrameMessages syntheticMessages(unsigned seed, const ros::Time& stamp) {
-  const SyntheticScene scene(seed);
+/// The scene as a driver and a segmenter would publish it, in the frames `camera` and `lidar`.
+inline FrameMessages syntheticMessages(const SyntheticScene& scene, const Camera& camera,
+                                       const PointCloud& points, const ros::Time& stamp) {
   std_msgs::Header header;
   header.stamp = stamp;
   header.frame_id = "camera";
   FrameMessages messages;
-  messages.image = cv_bridge::CvImage(header, "bgr8", scene.image()).toImageMsg();
-  messages.masks = boost::make_shared<sensor_msgs::Image>(toMaskMessage(header, {scene.labels()}));
+  const cv::Mat labels = scene.labels(camera);
+  messages.image = cv_bridge::CvImage(header, "bgr8", SyntheticScene::image(labels)).toImageMsg();
+  messages.masks = boost::make_shared<sensor_msgs::Image>(toMaskMessage(header, {labels}));
 
-  const Intrinsics intrinsics = SyntheticScene::camera().intrinsics();
+  const Intrinsics& intrinsics = camera.intrinsics();
   auto info = boost::make_shared<sensor_msgs::CameraInfo>();
   info->header = header;
   info->width = static_cast<std::uint32_t>(intrinsics.width);
@@ -38,7 +39,6 @@ inline FrameMessages syntheticMessages(unsigned seed, const ros::Time& stamp) {
              intrinsics.cy, 0.0, 0.0,           0.0, 1.0, 0.0};
   messages.info = info;
 
-  const PointCloud points = scene.cloud();
   auto cloud = boost::make_shared<sensor_msgs::PointCloud2>();
   cloud->header = header;
   cloud->header.frame_id = "lidar";
@@ -54,6 +54,18 @@ inline FrameMessages syntheticMessages(unsigned seed, const ros::Time& stamp) {
   }
   messages.cloud = cloud;
   return messages;
+}
+
+template <typename Message>
+boost::shared_ptr<Message> stamped(const boost::shared_ptr<const Message>& message, const ros::Time& stamp) {
+  const auto copy = boost::make_shared<Message>(*message);
+  copy->header.stamp = stamp;
+  return copy;
+}
+
+inline FrameMessages syntheticMessages(unsigned seed, const ros::Time& stamp) {
+  const SyntheticScene scene(seed);
+  return syntheticMessages(scene, SyntheticScene::camera(), scene.cloud(), stamp);
 }
 
 /// About 1.7 deg and 6 cm from the scene's extrinsic.

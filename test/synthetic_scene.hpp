@@ -15,14 +15,14 @@ namespace lidar_camera_recalibration {
 /// camera and a LiDAR whose extrinsic is known. Everything is traced in the camera's optical frame.
 class SyntheticScene {
  public:
-  explicit SyntheticScene(unsigned seed = 1) {
+  explicit SyntheticScene(unsigned seed = 1, int boxes = 9) {
     std::mt19937 random(seed);
     std::uniform_real_distribution<double> uniform(0.0, 1.0);
     constexpr double kGround = 1.5;
-    for (int i = 0; i < 9; ++i) {
+    for (int i = 0; i < boxes; ++i) {
       const double z = 6.0 + 9.0 * uniform(random), width = 0.8 + uniform(random),
                    height = 0.8 + 1.6 * uniform(random);
-      const double x = (-0.5 + (i + 0.5) / 9.0) * 1.2 * z;
+      const double x = (-0.5 + (i + 0.5) / boxes) * 1.2 * z;
       boxes_.push_back({{x - width / 2, kGround - height, z},
                         {x + width / 2, kGround, z + width},
                         static_cast<float>(20.0 + 200.0 * uniform(random))});
@@ -31,13 +31,13 @@ class SyntheticScene {
     boxes_.push_back({{-50.0, -20.0, 20.0}, {50.0, 20.0, 21.0}, 120.0f});           // wall
   }
 
-  static Camera camera() {
+  static Camera camera(int width = 320, int height = 240) {
     Intrinsics intrinsics;
-    intrinsics.width = 320;
-    intrinsics.height = 240;
-    intrinsics.fx = intrinsics.fy = 250.0;
-    intrinsics.cx = 160.0;
-    intrinsics.cy = 120.0;
+    intrinsics.width = width;
+    intrinsics.height = height;
+    intrinsics.fx = intrinsics.fy = 250.0 / 320.0 * width;
+    intrinsics.cx = 0.5 * width;
+    intrinsics.cy = 0.5 * height;
     return Camera(intrinsics);
   }
 
@@ -51,8 +51,7 @@ class SyntheticScene {
 
   /// CV_32SC1: one id per box face that differs in direction (a segmenter separates them by shading), 0 for
   /// nothing.
-  cv::Mat labels() const {
-    const Camera camera = SyntheticScene::camera();
+  cv::Mat labels(const Camera& camera = SyntheticScene::camera()) const {
     cv::Mat labels = cv::Mat::zeros(camera.intrinsics().height, camera.intrinsics().width, CV_32SC1);
     for (int v = 0; v < labels.rows; ++v) {
       for (int u = 0; u < labels.cols; ++u) {
@@ -63,9 +62,11 @@ class SyntheticScene {
     return labels;
   }
 
-  cv::Mat image() const {
-    cv::Mat image(camera().intrinsics().height, camera().intrinsics().width, CV_8UC3);
-    const cv::Mat ids = labels();
+  cv::Mat image() const { return image(labels()); }
+
+  /// The scene in colours, one per id of the labels.
+  static cv::Mat image(const cv::Mat& ids) {
+    cv::Mat image(ids.size(), CV_8UC3);
     for (int v = 0; v < ids.rows; ++v) {
       for (int u = 0; u < ids.cols; ++u) {
         const int id = ids.at<int>(v, u);
@@ -76,13 +77,13 @@ class SyntheticScene {
     return image;
   }
 
-  /// In the LiDAR frame.
-  PointCloud cloud() const {
+  /// In the LiDAR frame, 64 rings to the given side of straight ahead [rad].
+  PointCloud cloud(double side = 0.75, double step = 0.0045) const {
     const Eigen::Isometry3d T = T_camera_lidar();
     PointCloud cloud;
     for (int ring = 0; ring < 64; ++ring) {
       const double elevation = (-22.0 + 32.0 * ring / 63.0) * M_PI / 180.0;
-      for (double azimuth = -0.75; azimuth < 0.75; azimuth += 0.0045) {
+      for (double azimuth = -side; azimuth < side; azimuth += step) {
         const Eigen::Vector3d direction(std::cos(elevation) * std::cos(azimuth),
                                         std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
         const Hit hit = trace(T.translation(), T.linear() * direction);

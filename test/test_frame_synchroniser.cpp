@@ -6,6 +6,7 @@
 #include <array>
 #include <boost/make_shared.hpp>
 #include <cmath>
+#include <deque>
 #include <memory>
 #include <random>
 
@@ -193,10 +194,10 @@ TEST_F(FrameSynchroniserTest, messagesWithoutPartnerAreBoundedAndCounted) {
   EXPECT_EQ(95u, sync_->counts().unmatched);
   reset(config);
   for (int i = 0; i < 100; ++i) sync_->addCameraInfo(info(i));
-  EXPECT_EQ(95u, sync_->counts().unmatched);
+  EXPECT_EQ(95u, sync_->counts().unused);
   reset(config);
   for (int i = 0; i < 100; ++i) sync_->addCloud(cloud(i));
-  EXPECT_EQ(95u, sync_->counts().unmatched);
+  EXPECT_EQ(95u, sync_->counts().unused);
   reset(config);
   for (int i = 0; i < 100; ++i) addMasks(i);
   EXPECT_EQ(95u, sync_->counts().unknown_masks);
@@ -347,6 +348,43 @@ TEST_F(FrameSynchroniserTest, thinningKeepsOldAndNew) {
   EXPECT_GT(static_cast<std::ptrdiff_t>(held) - older(5.0), older(5.0)) << "dense near the present";
 }
 
+/// Ten images a second for two minutes; the segmenter takes the newest one as soon as it is free.
+/// @return the share of its masks that met their image
+double shareOfMasksUsed(FrameSynchroniser& sync, double delay, int at_once) {
+  struct Work {
+    double image, done;
+  };
+  std::deque<Work> works;
+  int sent = 0, used = 0;
+  for (int i = 0; i < 1200; ++i) {
+    const double now = 0.1 * i;
+    if (!works.empty() && works.front().done <= now) {
+      sync.addMasks(image(works.front().image, kMaskBytes));
+      works.pop_front();
+      ++sent;
+      while (sync.next()) ++used;
+    }
+    const bool is_free = static_cast<int>(works.size()) < at_once &&
+                         (works.empty() || now >= works.back().image + delay / at_once - 1e-6);
+    if (is_free) works.push_back({0.1 * (i - 1), now + delay});  // the last one that came
+    sync.addImage(image(now));
+    sync.addCameraInfo(info(now));
+    sync.addCloud(cloud(now));
+  }
+  return static_cast<double>(used) / sent;
+}
+
+TEST_F(FrameSynchroniserTest, aSmallCacheHoldsWhatTheSegmenterWorksOn) {
+  SynchroniserConfig config;
+  config.max_bytes = 12 * (kImageBytes + kCloudBytes + 1000);
+  for (const double delay : {0.5, 2.0, 5.0, 20.0}) {
+    reset(config);
+    EXPECT_GE(shareOfMasksUsed(*sync_, delay, 1), 0.75) << delay << " s late";  // the first ones are luck
+  }
+  reset(config);
+  EXPECT_GE(shareOfMasksUsed(*sync_, 4.0, 2), 0.75) << "two images at once";
+}
+
 TEST_F(FrameSynchroniserTest, bytesAreThoseOfTheMessagesHeld) {
   EXPECT_EQ(0u, sync_->bytes());
   addPair(1.0);
@@ -365,7 +403,8 @@ TEST_F(FrameSynchroniserTest, aMessageLargerThanTheBoundIsGivenUp) {
   reset(config);
   addPair(1.0);
   EXPECT_EQ(0u, sync_->bytes());
-  EXPECT_EQ(3u, sync_->counts().unmatched);
+  EXPECT_EQ(1u, sync_->counts().memory);
+  EXPECT_EQ(2u, sync_->counts().unused);
 }
 
 TEST_F(FrameSynchroniserTest, completeFramesNobodyFetchesAreBounded) {
@@ -388,8 +427,8 @@ TEST_F(FrameSynchroniserTest, clearForgetsButCounts) {
   sync_->clear();
   EXPECT_EQ(0u, sync_->bytes());
   EXPECT_EQ(0u, sync_->pending());
-  EXPECT_EQ(1u, sync_->counts().no_masks);
-  EXPECT_EQ(2u, sync_->counts().unmatched);
+  EXPECT_EQ(2u, sync_->counts().forgotten);
+  EXPECT_EQ(1u, sync_->counts().unused);
   EXPECT_EQ(1u, sync_->counts().unknown_masks);
   // A looped bag plays the same stamps again.
   addPair(1.0);
@@ -426,21 +465,27 @@ TEST_F(FrameSynchroniserTest, countsAddUp) {
   }
   std::stable_sort(events.begin(), events.end(),
                    [](const Event& a, const Event& b) { return a.time < b.time; });
-  std::uint64_t handed_out = 0;
+  std::uint64_t handed_out = 0, images = 0;
   for (const Event& event : events) {
     if (event.kind == 0) sync_->addImage(image(event.stamp));
     if (event.kind == 1) sync_->addCameraInfo(info(event.stamp));
     if (event.kind == 2) sync_->addCloud(cloud(event.stamp));
     if (event.kind == 3) addMasks(event.stamp);
+    if (event.kind == 0) ++images;
     while (sync_->next()) ++handed_out;
     ASSERT_LE(sync_->bytes(), config.max_bytes);
+    const SynchroniserCounts& counts = sync_->counts();
+    ASSERT_EQ(images, handed_out + sync_->images() + counts.unmatched + counts.no_masks + counts.memory);
   }
   EXPECT_GT(handed_out, 100u);
+  const std::uint64_t pairs = sync_->pending(), held = sync_->images();
   sync_->clear();
   const SynchroniserCounts& counts = sync_->counts();
   EXPECT_GT(counts.memory, 0u);
-  EXPECT_EQ(events.size(),
-            4 * handed_out + counts.unmatched + 3 * (counts.no_masks + counts.memory) + counts.unknown_masks);
+  EXPECT_EQ(counts.forgotten, held);
+  // Of each image alone, of each pair its CameraInfo and cloud with it.
+  EXPECT_EQ(events.size(), 4 * handed_out + counts.unmatched + counts.unused + counts.unknown_masks +
+                               3 * (counts.no_masks + counts.memory + pairs) + (held - pairs));
 }
 
 }  // namespace

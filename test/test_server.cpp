@@ -507,6 +507,31 @@ TEST(Server, ASecondCallerJoins) {
   EXPECT_EQ(first.result.score_after, second.result.score_after);
 }
 
+TEST(Server, OnlySoManyCallersWait) {
+  Rig rig(slowConfig());
+  rig.addFrames(2);
+  std::vector<Recalibrate::Response> responses(10);
+  std::vector<std::thread> callers;
+  std::atomic<std::size_t> answered{0};
+  for (Recalibrate::Response& response : responses) {
+    callers.emplace_back([&] {
+      response = rig.server->recalibrate(waiting());
+      ++answered;
+    });
+  }
+  const std::size_t refused = responses.size() - RecalibrationServer::kMaxWaitingCallers;
+  EXPECT_TRUE(eventually([&] { return answered == refused; })) << answered;
+  EXPECT_TRUE(rig.server->recalibrate(Recalibrate::Request()).success) << "without wait it joins";
+  std::string message;
+  EXPECT_TRUE(rig.server->cancel(message));
+  for (std::thread& caller : callers) caller.join();
+  EXPECT_EQ(std::count_if(responses.begin(), responses.end(),
+                          [](const auto& response) { return contains(response.message, "callers wait"); }),
+            static_cast<std::ptrdiff_t>(refused));
+  rig.server->waitUntilIdle();
+  EXPECT_EQ(rig.results().size(), 1u);
+}
+
 TEST(Server, RefusesRequestsThatCannotBeMet) {
   Rig rig(quickConfig());
   const auto refused = [&](const std::function<void(Recalibrate::Request&)>& edit, const std::string& word) {
@@ -677,6 +702,60 @@ TEST_F(BadInput, NoFrameId) {
   EXPECT_TRUE(contains(reason, "lidar_frame")) << reason;
 }
 
+TEST_F(BadInput, CompressedImagesAndMasks) {
+  auto broken = boost::make_shared<sensor_msgs::CompressedImage>();
+  broken->header.stamp = ros::Time(300);
+  broken->format = "jpeg";
+  broken->data = {0xff, 0xd8, 0xff};
+  rig_.server->addImage(broken);
+  rig_.server->addMasks(broken);
+  rig_.server->waitUntilIdle();
+  const RecalibrationState state = rig_.server->state();
+  EXPECT_EQ(state.dropped_invalid, 1u);
+  EXPECT_EQ(state.dropped_unknown_masks, 1u);
+  EXPECT_EQ(state.images, 2u);
+  EXPECT_TRUE(contains(state.text, "neither PNG nor JPEG")) << state.text;
+}
+
+TEST(Server, EveryImageIsAccountedForAtEveryMoment) {
+  ServerConfig config = quickConfig();
+  config.synchroniser.mask_timeout = 3.0;
+  config.synchroniser.max_bytes = 2500000;  // three pairs or so
+  Rig rig(config);
+  std::uint64_t sent = 0;
+  for (unsigned i = 0; i < 30; ++i) {
+    FrameMessages messages = syntheticMessages(1, ros::Time(100 + 0.5 * i));
+    if (i % 3 == 0) rig.server->addMasks(messages.masks);
+    if (i % 7 == 0) messages.masks = nullptr;
+    if (i % 5 == 1) rig.server->addImage(messages.image), ++sent;  // twice
+    if (i % 4 != 3) rig.server->addCameraInfo(messages.info);
+    if (i % 10 == 9) {
+      auto unreadable = editable(messages.image);
+      unreadable->encoding = "jpeg";
+      messages.image = unreadable;
+    }
+    rig.server->addImage(messages.image), ++sent;
+    rig.server->addCloud(messages.cloud);
+    if (i == 15) rig.server->timeJumpedBack();
+    if (i % 2 == 0) rig.server->waitUntilIdle();
+    if (i == 22) rig.server->reset();
+    if (i > 10) rig.server->addMasks(syntheticMessages(1, ros::Time(100 + 0.5 * (i - 2))).masks);
+  }
+  rig.server->waitUntilIdle();
+  const auto accounted = [](const RecalibrationState& state) {
+    return state.scored + state.waiting + state.dropped_unmatched + state.dropped_no_masks +
+           state.dropped_invalid + state.dropped_poor + state.dropped_no_extrinsic + state.dropped_memory +
+           state.dropped_forgotten;
+  };
+  for (const RecalibrationState& state : rig.states()) EXPECT_EQ(state.images, accounted(state)) << state;
+  const RecalibrationState state = rig.server->state();
+  EXPECT_EQ(state.images, sent);
+  EXPECT_EQ(accounted(state), sent);
+  EXPECT_GT(state.scored, 0u) << state;
+  EXPECT_GT(state.dropped_unmatched, 0u) << state;
+  EXPECT_GT(state.dropped_forgotten, 0u) << state;
+}
+
 TEST(Server, WorksWithoutIntensity) {
   Rig rig(quickConfig());
   FrameMessages messages = syntheticMessages(1, ros::Time(100));
@@ -694,7 +773,7 @@ TEST(Server, TheInputQueueIsBounded) {
   rig.send(syntheticMessages(1, ros::Time(100)));
   ASSERT_TRUE(eventually([&] { return rig.scores().size() == 1; }));
   const FrameMessages messages = syntheticMessages(2, ros::Time(110));
-  for (int i = 0; i < 1000; ++i) rig.server->addCameraInfo(messages.info);
+  for (int i = 0; i < 1000; ++i) rig.server->addImage(messages.image);
   rig.hold_scores = false;
   rig.server->waitUntilIdle();
   EXPECT_EQ(rig.server->state().dropped_memory, 800u) << "the queue holds 200";

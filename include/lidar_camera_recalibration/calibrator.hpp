@@ -37,7 +37,7 @@ struct CalibrationOutcome {
       Eigen::Isometry3d::Identity();  ///< what the search found, accepted or not
   Eigen::Isometry3d start = Eigen::Isometry3d::Identity();
   /// Covariance of the perturbation xi (see extrinsic.hpp) [rad^2, m^2], from refinements on parts of
-  /// the frames (jackknife or disjoint groups); nothing below 5 frames. Blind to an error that all frames
+  /// the frames (bootstrap or disjoint groups); nothing below 5 frames. Blind to an error that all frames
   /// share.
   std::optional<Matrix6d> covariance;
   Score before, after;

@@ -200,7 +200,17 @@ CalibrationOutcome calibrate(const Frames& frames, const Eigen::Isometry3d& star
                           partOf(progress, kSearched, kAgreed));
   result.frames = used.size();
 
-  // 3. What it is worth, measured on the points that both extrinsics bring into the image.
+  // 3. How much it depends on the frames that it was given, and the mean over others like them.
+  if (!result.cancelled) {
+    const Resampling resampling = resample(*search, *objective, used, result.T_camera_lidar,
+                                           config.search.threads, partOf(progress, kAgreed, 1.0));
+    result.T_camera_lidar = resampling.T_camera_lidar;
+    result.covariance = resampling.covariance;
+    result.evaluations += resampling.evaluations;
+    result.cancelled = resampling.cancelled;
+  }
+
+  // 4. What it is worth, measured on the points that both extrinsics bring into the image.
   const std::unique_ptr<Evaluator> evaluator = objective->evaluator(used, {start, result.T_camera_lidar});
   result.before = (*evaluator)(start);
   result.after = (*evaluator)(result.T_camera_lidar);
@@ -211,12 +221,6 @@ CalibrationOutcome calibrate(const Frames& frames, const Eigen::Isometry3d& star
       result.distinctness = distinctness(*around, result.T_camera_lidar);
     }
     result.frame_agreement = frameAgreement(*objective, used, start, result.T_camera_lidar);
-    const Uncertainty uncertainty =
-        estimateUncertainty(*search, *objective, used, result.T_camera_lidar, config.search.threads,
-                            partOf(progress, kAgreed, 1.0));
-    result.covariance = uncertainty.covariance;
-    result.evaluations += uncertainty.evaluations;
-    result.cancelled = uncertainty.cancelled;
   }
   const Intrinsics& camera = frames.front()->camera.intrinsics();
   for (std::size_t i = 0; i < kShiftDistances.size(); ++i) {
@@ -224,7 +228,7 @@ CalibrationOutcome calibrate(const Frames& frames, const Eigen::Isometry3d& star
         pixelShift(start, result.T_camera_lidar, kShiftDistances[i], camera.fx, camera.width);
   }
 
-  // 4. Whether it may be used.
+  // 5. Whether it may be used.
   judge(result, config);
   result.duration = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   return result;

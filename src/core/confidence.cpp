@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <numeric>
+#include <random>
 #include <vector>
 
 #include "progress_part.hpp"
@@ -11,50 +12,70 @@ namespace {
 
 constexpr std::size_t kMinFrames = 5;
 // They bound the cost; more would hardly make the covariance any better.
-constexpr std::size_t kMaxJackknifeGroups = 20, kMaxDisjointGroups = 6;
+constexpr std::size_t kBootstraps = 20, kMaxDisjointGroups = 6;
 
-/// The frames of one of so many groups, or all others.
-Frames select(const Frames& frames, std::size_t group, std::size_t groups, bool others) {
-  Frames selected;
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    if ((i % groups == group) != others) selected.push_back(frames[i]);
-  }
-  return selected;
+/// Each set as large as `frames`; each frame is as often in all of them together as any other, so that the
+/// mean of the results has no scatter from the draw.
+std::vector<Frames> bootstraps(const Frames& frames) {
+  Frames pool;
+  for (std::size_t i = 0; i < kBootstraps; ++i) pool.insert(pool.end(), frames.begin(), frames.end());
+  std::mt19937 random(static_cast<std::mt19937::result_type>(frames.size()));
+  std::shuffle(pool.begin(), pool.end(), random);
+  std::vector<Frames> sets;
+  const auto size = static_cast<std::ptrdiff_t>(frames.size());
+  for (auto first = pool.begin(); first != pool.end(); first += size) sets.emplace_back(first, first + size);
+  return sets;
 }
 
-Matrix6d scatterOf(const std::vector<Vector6d>& deviations) {
+std::vector<Frames> disjointGroups(const Frames& frames) {
+  std::vector<Frames> groups(std::min(frames.size(), kMaxDisjointGroups));
+  for (std::size_t i = 0; i < frames.size(); ++i) groups[i % groups.size()].push_back(frames[i]);
+  return groups;
+}
+
+Vector6d meanOf(const std::vector<Vector6d>& deviations) {
   Vector6d mean = Vector6d::Zero();
   for (const Vector6d& d : deviations) mean += d / static_cast<double>(deviations.size());
+  return mean;
+}
+
+/// Covariance of single deviations.
+Matrix6d scatterOf(const std::vector<Vector6d>& deviations, const Vector6d& mean) {
   Matrix6d scatter = Matrix6d::Zero();
   for (const Vector6d& d : deviations) scatter += (d - mean) * (d - mean).transpose();
-  return scatter;
+  return scatter / static_cast<double>(deviations.size() - 1);
 }
 
 }  // namespace
 
-Uncertainty estimateUncertainty(const Search& search, const Objective& objective, const Frames& frames,
-                                const Eigen::Isometry3d& result, int threads, const Progress& progress) {
-  Uncertainty uncertainty;
-  if (frames.size() < kMinFrames) return uncertainty;
-  const bool jackknife = search.refinesExactly();
-  const std::size_t groups = std::min(frames.size(), jackknife ? kMaxJackknifeGroups : kMaxDisjointGroups);
-  const auto count = static_cast<double>(groups);
-  std::vector<Vector6d> deviations(groups);
-  std::vector<std::size_t> evaluations(groups, 0);
-  const auto refine = [&](std::size_t g, const Progress& own_progress) {
-    const SearchResult refined =
-        search.refine(objective, select(frames, g, groups, jackknife), result, own_progress);
-    evaluations[g] = refined.evaluations;
-    deviations[g] = log(refined.T_camera_lidar * result.inverse());
+Resampling resample(const Search& search, const Objective& objective, const Frames& frames,
+                    const Eigen::Isometry3d& result, int threads, const Progress& progress) {
+  Resampling resampling;
+  resampling.T_camera_lidar = result;
+  if (frames.size() < kMinFrames) return resampling;
+  const bool exact = search.refinesExactly();
+  const std::vector<Frames> sets = exact ? bootstraps(frames) : disjointGroups(frames);
+  std::vector<Vector6d> deviations(sets.size());
+  std::vector<std::size_t> evaluations(sets.size(), 0);
+  const auto refine = [&](std::size_t i, const Progress& own_progress) {
+    const SearchResult refined = search.refine(objective, sets[i], result, own_progress);
+    evaluations[i] = refined.evaluations;
+    deviations[i] = log(refined.T_camera_lidar * result.inverse());
   };
-  uncertainty.cancelled = !runJobs(groups, threads, progress, refine);
-  uncertainty.evaluations = std::accumulate(evaluations.begin(), evaluations.end(), std::size_t{0});
-  if (uncertainty.cancelled) return uncertainty;
-  // Results with one group missing share almost all frames and scatter little; those of single groups scatter
-  // more than the mean of all.
-  const double factor = jackknife ? (count - 1.0) / count : 1.0 / ((count - 1.0) * count);
-  uncertainty.covariance = factor * scatterOf(deviations);
-  return uncertainty;
+  resampling.cancelled = !runJobs(sets.size(), threads, progress, refine);
+  resampling.evaluations = std::accumulate(evaluations.begin(), evaluations.end(), std::size_t{0});
+  if (resampling.cancelled) return resampling;
+  const Vector6d mean = meanOf(deviations);
+  const Matrix6d scatter = scatterOf(deviations, mean);
+  const auto count = static_cast<double>(frames.size()), groups = static_cast<double>(sets.size());
+  if (exact) {
+    resampling.T_camera_lidar = exp(mean) * result;
+    // Of n frames drawn with replacement the mean scatters less than that of n new ones.
+    resampling.covariance = scatter * (count / (count - 1.0));
+  } else {
+    resampling.covariance = scatter / groups;  // single groups scatter more than the mean of all
+  }
+  return resampling;
 }
 
 }  // namespace lidar_camera_recalibration

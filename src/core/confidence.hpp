@@ -10,21 +10,23 @@
 
 namespace lidar_camera_recalibration {
 
-struct Uncertainty {
+struct Resampling {
+  Eigen::Isometry3d T_camera_lidar = Eigen::Isometry3d::Identity();
   std::optional<Matrix6d> covariance;  ///< of the perturbation xi [rad^2, m^2]
   std::size_t evaluations = 0;
   bool cancelled = false;
 };
 
-/// How far the result would move with other frames of the same kind. Blind to an error that all frames share.
-/// No covariance below 5 frames, where it was measured to be several times too small.
+/// How far the result would move with other frames of the same kind, and the mean over such sets of frames,
+/// which scatters less than the result itself. Blind to an error that all frames share. Below 5 frames the
+/// result stays as it is and there is no covariance: it was measured to be several times too small.
 ///
-/// With a search that refines exactly: delete-one jackknife, the result is refined again and again with one
-/// frame missing; with more than 20 frames one of 20 groups. It would multiply the scatter of a random
-/// search, and cost more than the search itself: there the scatter of refinements on up to 6 disjoint groups.
-/// @param result   found on these frames
-/// @param threads  do not change the result
-Uncertainty estimateUncertainty(const Search& search, const Objective& objective, const Frames& frames,
-                                const Eigen::Isometry3d& result, int threads, const Progress& progress);
+/// With a search that refines exactly: bootstrap, the result is refined on 20 sets of as many frames, drawn
+/// with replacement; each frame is drawn as often as any other. T_camera_lidar is the mean of the
+/// refinements, the covariance is their scatter. With a random search, whose own scatter that would be,
+/// refinements on up to 6 disjoint groups of the frames; the result stays.
+/// @param result  found on these frames
+Resampling resample(const Search& search, const Objective& objective, const Frames& frames,
+                    const Eigen::Isometry3d& result, int threads, const Progress& progress);
 
 }  // namespace lidar_camera_recalibration

@@ -23,7 +23,7 @@ constexpr std::size_t kMinRingPoints = 10;
 constexpr float kMaxSteps = 1.6f;
 constexpr float kMaxRingSteps = 2.2f;
 // A step of the range that is an edge [m], [m/m].
-constexpr float kAzimuthGap = 0.5f, kRelativeAzimuthGap = 0.05f;
+constexpr float kAzimuthGap = 0.3f, kRelativeAzimuthGap = 0.03f;
 constexpr float kRingGap = 0.8f, kRelativeRingGap = 0.08f;
 // Surfaces that look up more than this end at the horizon of the ground, not at a silhouette.
 constexpr float kMaxUpward = 0.85f;
@@ -222,7 +222,7 @@ class EdgeFinder {
   }
 
   void addAzimuthGaps(const Ring& ring) {
-    constexpr int kSmooth = 3;
+    constexpr int kSmooth = 2;
     for (std::size_t k = 0; k + 1 < ring.points.size(); ++k) {
       const std::size_t a = ring.points[k], b = ring.points[k + 1];
       const float gap = std::abs(range_[a] - range_[b]);

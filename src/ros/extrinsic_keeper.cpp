@@ -52,42 +52,50 @@ bool ExtrinsicKeeper::takeChanged() {
 }
 
 std::string ExtrinsicKeeper::accept(const StoredCalibration& calibration) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  previous_ = std::move(current_);
-  current_ = Entry{calibration,
-                   "the recalibration with the frame stamped " + std::to_string(calibration.stamp), false};
-  changed_ = true;
-  return writeResultFile();
+  const std::lock_guard<std::mutex> file_lock(file_mutex_);
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    previous_ = std::move(current_);
+    current_ = Entry{calibration,
+                     "the recalibration with the frame stamped " + std::to_string(calibration.stamp), false};
+    changed_ = true;
+  }
+  return writeResultFile(calibration);
 }
 
 bool ExtrinsicKeeper::restore(std::string& message) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  if (!previous_) {
-    message = "nothing to restore: no result was accepted since the start or since the last restore";
-    return false;
+  const std::lock_guard<std::mutex> file_lock(file_mutex_);
+  StoredCalibration calibration;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (!previous_) {
+      message = "nothing to restore: no result was accepted since the start or since the last restore";
+      return false;
+    }
+    current_ = std::move(previous_);
+    previous_.reset();
+    changed_ = true;
+    message = "back to the extrinsic from " + current_->source;
+    calibration = current_->calibration;
   }
-  current_ = std::move(previous_);
-  previous_.reset();
-  changed_ = true;
-  message = "back to the extrinsic from " + current_->source;
   // The rejected result must not come back as the first guess of the next start.
-  const std::string problem = writeResultFile();
+  const std::string problem = writeResultFile(calibration);
   if (!problem.empty()) message += "; " + problem;
   return true;
 }
 
 bool ExtrinsicKeeper::save(const std::string& path, const std::string& format, std::string& message) const {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const std::optional<StoredCalibration> calibration = current();
   const std::string& file = path.empty() ? config_.result_file : path;
   if (!format.empty() && format != "yaml") {
     message = "unknown format '" + format + "'; known: yaml";
   } else if (file.empty()) {
     message = "no path given, and the parameter result_file is not set";
-  } else if (!current_) {
+  } else if (!calibration) {
     message = "no extrinsic is known yet; ~state tells what is missing";
   } else {
     try {
-      writeCalibration(file, current_->calibration);
+      writeCalibration(file, *calibration);
       message = file;
       return true;
     } catch (const Error& e) {
@@ -148,10 +156,10 @@ std::optional<ExtrinsicKeeper::Entry> ExtrinsicKeeper::readSaved(const FrameIds&
   }
 }
 
-std::string ExtrinsicKeeper::writeResultFile() const {
+std::string ExtrinsicKeeper::writeResultFile(const StoredCalibration& calibration) const {
   if (config_.result_file.empty()) return "";
   try {
-    writeCalibration(config_.result_file, current_->calibration);
+    writeCalibration(config_.result_file, calibration);
     ROS_INFO_STREAM_NAMED(name_, name_ << ": extrinsic written to " << config_.result_file);
     return "";
   } catch (const Error& e) {

@@ -45,12 +45,13 @@ class ExtrinsicKeeper {
   };
   Entry firstGuess(const FrameIds& frames, const ros::Time& stamp) const;
   std::optional<Entry> readSaved(const FrameIds& frames) const;
-  std::string writeResultFile() const;
+  std::string writeResultFile(const StoredCalibration& calibration) const;
 
   const ServerConfig& config_;
   const tf2::BufferCore& tf_;
   const std::string name_;
-  mutable std::mutex mutex_;
+  std::mutex file_mutex_;     ///< the file follows the extrinsic in the same order
+  mutable std::mutex mutex_;  ///< never held while a file is written: callbacks ask for the extrinsic
   std::optional<Entry> current_, previous_;
   bool changed_ = false;
 };

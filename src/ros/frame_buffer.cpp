@@ -3,12 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <memory>
 
 namespace lidar_camera_recalibration {
 
 std::string FrameBuffer::refusal(const ros::Time& stamp) const {
   const auto tooNear = [&](const Held& held) {
-    return std::abs((stamp - held.stamp).toSec()) < config_.frames_min_interval;
+    return std::abs(stamp.toSec() - held.stamp.toSec()) < config_.frames_min_interval;
   };
   if (std::none_of(held_.begin(), held_.end(), tooNear)) return "";
   char text[80];
@@ -18,7 +19,10 @@ std::string FrameBuffer::refusal(const ros::Time& stamp) const {
 }
 
 void FrameBuffer::add(const FramePtr& frame, const ros::Time& stamp) {
-  held_.push_back({frame, stamp, memoryUse(*frame)});
+  // Nothing draws these frames, and the image would be a fourth of their memory and more.
+  const auto without_image = std::make_shared<Frame>(*frame);
+  without_image->image.release();
+  held_.push_back({without_image, stamp, memoryUse(*without_image)});
   bytes_ += held_.back().bytes;
   while (held_.size() > static_cast<std::size_t>(config_.frames_max) ||
          (held_.size() > 1 && bytes_ > config_.frames_max_bytes)) {

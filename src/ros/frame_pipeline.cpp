@@ -6,6 +6,7 @@
 #include <opencv2/core.hpp>
 #include <utility>
 
+#include "conversions.hpp"
 #include "lidar_camera_recalibration/calibrator.hpp"
 #include "lidar_camera_recalibration/overlay.hpp"
 #include "result_messages.hpp"
@@ -21,6 +22,27 @@ FramePipeline::FramePipeline(const ServerConfig& config, ExtrinsicKeeper& keeper
       synchroniser_(config.synchroniser),
       buffer_(config),
       objective_(makeObjective(config.calibrator.objective)) {}
+
+sensor_msgs::ImageConstPtr FramePipeline::decoded(const char* input,
+                                                  const sensor_msgs::CompressedImage& message) {
+  try {
+    return decode(message);
+  } catch (const Error& e) {
+    last_problem_ = std::string(input) + ": " + e.what();
+    if (repeat_filter_.isDue(last_problem_)) ROS_WARN_STREAM_NAMED(name_, name_ << ": " << last_problem_);
+    return nullptr;
+  }
+}
+
+void FramePipeline::addImage(const sensor_msgs::CompressedImage& image) {
+  if (const auto message = decoded("image", image)) return synchroniser_.addImage(message);
+  ++dropped_invalid_;
+}
+
+void FramePipeline::addMasks(const sensor_msgs::CompressedImage& masks) {
+  if (const auto message = decoded("masks", masks)) return synchroniser_.addMasks(message);
+  ++dropped_unreadable_masks_;
+}
 
 bool FramePipeline::step() {
   collectReady();
@@ -51,6 +73,7 @@ std::size_t FramePipeline::readyBytes() const {
 
 void FramePipeline::clearCaches() {
   synchroniser_.clear();
+  dropped_forgotten_ += ready_.size();
   ready_.clear();
 }
 
@@ -104,6 +127,7 @@ void FramePipeline::score(const FrameMessages& messages, const FramePtr& frame,
   last_problem_.clear();
   publish(message, messages);
   pictures_due_ = true;
+  ++scored_;
 }
 
 void FramePipeline::refuse(const FrameMessages& messages, std::uint64_t& counter, const std::string& reason) {
@@ -153,10 +177,14 @@ void FramePipeline::describe(RecalibrationState& state) const {
   state.frames = static_cast<std::uint32_t>(buffer_.size());
   state.pending = static_cast<std::uint32_t>(synchroniser_.pending());
   state.memory = synchroniser_.bytes() + readyBytes() + buffer_.bytes();
+  state.scored = scored_;
+  state.waiting = synchroniser_.images() + ready_.size();
   state.dropped_unmatched = counts.unmatched;
   state.dropped_no_masks = counts.no_masks;
-  state.dropped_unknown_masks = counts.unknown_masks;
+  state.dropped_unknown_masks = counts.unknown_masks + dropped_unreadable_masks_;
+  state.dropped_unused = counts.unused;
   state.dropped_memory = counts.memory + dropped_late_;
+  state.dropped_forgotten = counts.forgotten + dropped_forgotten_;
   state.dropped_invalid = dropped_invalid_;
   state.dropped_poor = dropped_poor_;
   state.dropped_no_extrinsic = dropped_no_extrinsic_;

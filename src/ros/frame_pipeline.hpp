@@ -1,5 +1,7 @@
 #pragma once
 
+#include <sensor_msgs/CompressedImage.h>
+
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <deque>
@@ -25,6 +27,9 @@ class FramePipeline {
                 const ServerOutputs& outputs);
 
   FrameSynchroniser& synchroniser() { return synchroniser_; }
+  /// Decodes first: that takes long, so it is the worker's work. What cannot be decoded is given up.
+  void addImage(const sensor_msgs::CompressedImage& image);
+  void addMasks(const sensor_msgs::CompressedImage& masks);
 
   /// Prepares, scores and keeps (or refuses) the oldest complete frame. @return false if there was none.
   bool step();
@@ -48,6 +53,7 @@ class FramePipeline {
  private:
   void collectReady();
   std::size_t readyBytes() const;
+  sensor_msgs::ImageConstPtr decoded(const char* input, const sensor_msgs::CompressedImage& message);
   void process(const FrameMessages& messages);
   FramePtr prepare(const FrameMessages& messages, const Eigen::Isometry3d& extrinsic, const FrameIds& ids);
   void score(const FrameMessages& messages, const FramePtr& frame, const Eigen::Isometry3d& extrinsic);
@@ -74,7 +80,8 @@ class FramePipeline {
   std::optional<Eigen::Isometry3d> comparison_start_;
   std::string last_problem_;
   bool startup_checked_ = false, pictures_due_ = false;
-  std::uint64_t dropped_invalid_ = 0, dropped_poor_ = 0, dropped_no_extrinsic_ = 0, dropped_late_ = 0;
+  std::uint64_t scored_ = 0, dropped_invalid_ = 0, dropped_poor_ = 0, dropped_no_extrinsic_ = 0,
+                dropped_late_ = 0, dropped_forgotten_ = 0, dropped_unreadable_masks_ = 0;
 };
 
 }  // namespace lidar_camera_recalibration

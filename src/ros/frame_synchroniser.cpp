@@ -15,7 +15,10 @@ constexpr std::int64_t kInfoTolerance = 1'000'000;  // [ns]
 // Masks of an unknown image are given up when images so much newer have come.
 constexpr std::int64_t kMaxDisorder = 1'000'000'000;  // [ns]
 // The newest pairs that thinning leaves alone: their masks are still to be expected.
-constexpr std::ptrdiff_t kNewestKept = 3;
+constexpr std::ptrdiff_t kNewestKept = 2;
+// The segmenter may have got an image more or less than we have: one to each side at 10 Hz.
+constexpr std::int64_t kAwaitedMargin = 150'000'000;  // [ns]
+constexpr std::size_t kMaxAwaited = 16;
 
 // Integers, because the difference of two ros::Time throws if a bad stamp makes it too large.
 template <class Message>
@@ -74,7 +77,7 @@ void FrameSynchroniser::addCameraInfo(const sensor_msgs::CameraInfoConstPtr& inf
   if (!info) return;
   const Stamp stamp = stampOf(info);
   if (holdsStamp(infos_, stamp)) {
-    ++counts_.unmatched;
+    ++counts_.unused;
     return;
   }
   WaitingImage* nearest = nullptr;
@@ -96,7 +99,7 @@ void FrameSynchroniser::addCameraInfo(const sensor_msgs::CameraInfoConstPtr& inf
 void FrameSynchroniser::addCloud(const sensor_msgs::PointCloud2ConstPtr& cloud) {
   if (!cloud) return;
   if (holdsStamp(clouds_, stampOf(cloud))) {
-    ++counts_.unmatched;
+    ++counts_.unused;
     return;
   }
   clouds_.push_back(cloud);
@@ -106,6 +109,7 @@ void FrameSynchroniser::addCloud(const sensor_msgs::PointCloud2ConstPtr& cloud) 
 void FrameSynchroniser::addMasks(const sensor_msgs::ImageConstPtr& masks) {
   if (!masks) return;
   const Stamp stamp = stampOf(masks);
+  noteMasks(stamp);
   const auto pair = pairs_.find(stamp);
   if (pair != pairs_.end()) {
     pair->second.masks = masks;
@@ -131,11 +135,10 @@ void FrameSynchroniser::flush() {
 }
 
 void FrameSynchroniser::clear() {
-  for (const WaitingImage& waiting : images_) counts_.unmatched += waiting.info ? 2 : 1;
-  counts_.unmatched += infos_.size() + clouds_.size();
+  for (const WaitingImage& waiting : images_) counts_.unused += waiting.info ? 1 : 0;
+  counts_.unused += infos_.size() + clouds_.size();
   counts_.unknown_masks += masks_.size();
-  counts_.no_masks += pairs_.size();
-  counts_.memory += complete_.size();
+  counts_.forgotten += images();
   const SynchroniserCounts counts = counts_;
   *this = FrameSynchroniser(config_);
   counts_ = counts;
@@ -225,7 +228,7 @@ void FrameSynchroniser::giveUpOldestImage() {
   for (const Match& match : matches(true)) {
     if (match.first == 0) return makePair(match);
   }
-  dropOldestImage();
+  dropOldestImage(counts_.unmatched);
 }
 
 void FrameSynchroniser::giveUpOldestCloud() {
@@ -239,7 +242,7 @@ void FrameSynchroniser::settle() {
   pairDecided();
   while (images_.size() > config_.max_unmatched) giveUpOldestImage();
   while (clouds_.size() > config_.max_unmatched) giveUpOldestCloud();
-  for (; infos_.size() > config_.max_unmatched; infos_.pop_front()) ++counts_.unmatched;
+  for (; infos_.size() > config_.max_unmatched; infos_.pop_front()) ++counts_.unused;
   for (; masks_.size() > config_.max_unmatched; masks_.pop_front()) ++counts_.unknown_masks;
   expire();
   while (bytes() > config_.max_bytes) freeMemory();
@@ -259,6 +262,24 @@ void FrameSynchroniser::expire() {
   }
 }
 
+// Masks come in the order of their images, from a segmenter that works on one image or on several at once.
+void FrameSynchroniser::noteMasks(Stamp stamp) {
+  while (!awaited_.empty() && awaited_.front() <= stamp + kAwaitedMargin) awaited_.pop_front();
+  if (!last_image_) return;
+  awaited_.push_back(*last_image_);
+  if (awaited_.size() > kMaxAwaited) awaited_.pop_front();
+}
+
+// That masks of this image come: 2 = probably, 1 = possibly, 0 = nothing speaks for it.
+int FrameSynchroniser::expectation(Stamp stamp) const {
+  int result = 0;
+  for (const Stamp awaited : awaited_) {
+    if (awaited == stamp) return 2;
+    if (std::abs(awaited - stamp) <= kAwaitedMargin) result = 1;
+  }
+  return result;
+}
+
 // The pair between whose neighbours the least is lost: the ratio of their ages, which spaces the remaining
 // pairs logarithmically in age. The oldest and the newest few stay.
 std::map<FrameSynchroniser::Stamp, FrameMessages>::iterator FrameSynchroniser::mostRedundantPair() {
@@ -266,25 +287,27 @@ std::map<FrameSynchroniser::Stamp, FrameMessages>::iterator FrameSynchroniser::m
   if (size < kNewestKept + 2) return pairs_.begin();
   const Stamp newest = pairs_.rbegin()->first;
   auto best = pairs_.begin();
-  double best_ratio = 0.0;
+  std::pair<int, double> best_worth;
   const auto end = std::prev(pairs_.end(), kNewestKept);
   for (auto pair = std::next(pairs_.begin()); pair != end; ++pair) {
     const double ratio = static_cast<double>(newest - std::prev(pair)->first) /
                          static_cast<double>(newest - std::next(pair)->first);
-    if (best != pairs_.begin() && ratio >= best_ratio) continue;
+    const std::pair<int, double> worth(expectation(pair->first), ratio);
+    if (best != pairs_.begin() && worth >= best_worth) continue;
     best = pair;
-    best_ratio = ratio;
+    best_worth = worth;
   }
   return best;
 }
 
-void FrameSynchroniser::dropOldestImage() {
-  counts_.unmatched += images_.front().info ? 2 : 1;
+void FrameSynchroniser::dropOldestImage(std::uint64_t& counter) {
+  ++counter;
+  counts_.unused += images_.front().info ? 1 : 0;
   images_.pop_front();
 }
 
 void FrameSynchroniser::dropOldestCloud() {
-  ++counts_.unmatched;
+  ++counts_.unused;
   clouds_.pop_front();
 }
 
@@ -292,7 +315,7 @@ void FrameSynchroniser::dropOldestCloud() {
 void FrameSynchroniser::freeMemory() {
   const auto overtaken = [&](const auto& message) { return last_pair_ && stampOf(message) < *last_pair_; };
   if (!images_.empty() && overtaken(images_.front().image)) {
-    dropOldestImage();
+    dropOldestImage(counts_.unmatched);
   } else if (!clouds_.empty() && overtaken(clouds_.front())) {
     dropOldestCloud();
   } else if (pairs_.size() > 1) {
@@ -302,7 +325,7 @@ void FrameSynchroniser::freeMemory() {
     masks_.pop_front();
     ++counts_.unknown_masks;
   } else if (images_.size() > 1) {
-    dropOldestImage();
+    dropOldestImage(counts_.memory);
   } else if (clouds_.size() > 1) {
     dropOldestCloud();
   } else if (!complete_.empty()) {
@@ -311,8 +334,9 @@ void FrameSynchroniser::freeMemory() {
   } else if (!pairs_.empty()) {
     pairs_.erase(pairs_.begin());
     ++counts_.memory;
-  } else {
-    clear();  // one message alone is larger than the bound
+  } else {  // one message alone is larger than the bound
+    if (!images_.empty()) dropOldestImage(counts_.memory);
+    clear();
   }
 }
 

@@ -14,9 +14,9 @@
 namespace lidar_camera_recalibration {
 
 struct SynchroniserConfig {
-  double max_stamp_gap = 0.06;                 ///< between image and cloud [s]
-  double mask_timeout = 60.0;                  ///< an image waits so long for its masks, in stamp time [s]
-  std::size_t max_bytes = 512u * 1024 * 1024;  ///< of all messages held
+  double max_stamp_gap = 0.06;                ///< between image and cloud [s]
+  double mask_timeout = 60.0;                 ///< an image waits so long for its masks, in stamp time [s]
+  std::size_t max_bytes = 64u * 1024 * 1024;  ///< of all messages held
   std::size_t max_unmatched = 20;  ///< images, infos, clouds and masks each that wait for their partners
 };
 
@@ -28,12 +28,14 @@ struct FrameMessages {
   sensor_msgs::ImageConstPtr masks;
 };
 
-/// Everything put in is handed out, still held or counted here, also what clear() discards.
+/// Every image put in is handed out, still held or counted here once.
 struct SynchroniserCounts {
-  std::uint64_t unmatched = 0;      ///< images, infos, clouds given up without a partner, or duplicates
-  std::uint64_t no_masks = 0;       ///< pairs whose masks did not come in time
+  std::uint64_t unmatched = 0;      ///< images without CameraInfo or cloud, or duplicates
+  std::uint64_t no_masks = 0;       ///< images whose masks did not come in time
+  std::uint64_t memory = 0;         ///< images given up because the cache was full
+  std::uint64_t forgotten = 0;      ///< images that clear() discarded
   std::uint64_t unknown_masks = 0;  ///< masks for an image never seen or already given up, or duplicates
-  std::uint64_t memory = 0;         ///< pairs given up because the cache was full
+  std::uint64_t unused = 0;         ///< infos and clouds given up without an image, or duplicates
 };
 
 /// Joins the four inputs of a frame. Image and CameraInfo belong together by equal stamps (1 ms is forgiven),
@@ -43,6 +45,7 @@ struct SynchroniserCounts {
 /// Knows messages but no node: no callbacks, threads or clock. Time is the stamps'. Not thread-safe; one
 /// owner. Bounded in count, bytes and age. When bytes run out, waiting pairs are thinned by age, dense near
 /// the present and sparse long ago, so that both prompt and very late masks still meet some of their images.
+/// Those that the segmenter seems to work on leave last: whenever masks come, it takes the newest image next.
 ///
 /// Age is judged by the older of the last two images, so that one bad stamp far ahead expires nothing; two in
 /// a row do.
@@ -67,7 +70,8 @@ class FrameSynchroniser {
 
   const SynchroniserCounts& counts() const { return counts_; }
   std::size_t pending() const { return pairs_.size(); }  ///< image/cloud pairs that wait for masks
-  std::size_t bytes() const;                             ///< of all messages held
+  std::size_t images() const { return images_.size() + pairs_.size() + complete_.size(); }  ///< held
+  std::size_t bytes() const;  ///< of all messages held
 
  private:
   using Stamp = std::int64_t;  ///< [ns]
@@ -84,10 +88,12 @@ class FrameSynchroniser {
   void pairDecided();
   void giveUpOldestImage();
   void giveUpOldestCloud();
-  void dropOldestImage();
+  void dropOldestImage(std::uint64_t& counter);
   void dropOldestCloud();
   void settle();
   void expire();
+  void noteMasks(Stamp stamp);
+  int expectation(Stamp stamp) const;
   std::map<Stamp, FrameMessages>::iterator mostRedundantPair();
   void freeMemory();
 
@@ -102,6 +108,7 @@ class FrameSynchroniser {
   std::map<Stamp, FrameMessages> complete_;
   std::optional<Stamp> last_image_, second_last_image_;  ///< in the order of arrival
   std::optional<Stamp> last_pair_;
+  std::deque<Stamp> awaited_;  ///< images that the segmenter seems to work on
 };
 
 }  // namespace lidar_camera_recalibration

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "conversions.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 #include "server_config.hpp"
 
@@ -108,62 +107,61 @@ void NodeInterface::subscribe(InputMonitor& monitor, const std::string& topic,
                               std::function<void(const boost::shared_ptr<const Message>&)> take) {
   const boost::function<void(const boost::shared_ptr<const Message>&)> callback =
       [&monitor, take = std::move(take)](const boost::shared_ptr<const Message>& message) {
-        monitor.count();
+        const InputMonitor::Callback timed(monitor);
         take(message);
       };
   monitor.watch(node_.subscribe<Message>(topic, kInputQueue, callback));
 }
 
-void NodeInterface::subscribeImage(InputMonitor& monitor, const std::string& input,
-                                   std::function<void(const sensor_msgs::ImageConstPtr&)> take) {
-  if (!compressed_) return subscribe<sensor_msgs::Image>(monitor, input, std::move(take));
-  // Remappings hold for whole names only, so `image/compressed` has to follow the one of `image`.
-  const std::string topic = node_.resolveName(input) + "/compressed";
-  subscribe<sensor_msgs::CompressedImage>(
-      monitor, topic,
-      [this, topic, take = std::move(take)](const sensor_msgs::CompressedImageConstPtr& message) {
-        try {
-          take(decode(*message));
-        } catch (const Error& e) {
-          const std::string text = topic + ": " + e.what();
-          if (repeat_filter_.isDue(text)) ROS_WARN_STREAM_NAMED(name_, name_ << ": " << text);
-        }
-      });
+template <typename Message>
+void NodeInterface::subscribeImages(const std::string& image, const std::string& masks) {
+  subscribe<Message>(image_monitor_, image, [this](const boost::shared_ptr<const Message>& message) {
+    noticeTimeJump(&message->header.stamp);
+    server_->addImage(message);
+  });
+  subscribe<Message>(masks_monitor_, masks, [this](const boost::shared_ptr<const Message>& message) {
+    noticeTimeJump();
+    server_->addMasks(message);
+  });
 }
 
 void NodeInterface::subscribe() {
-  subscribeImage(image_monitor_, "image", [this](const sensor_msgs::ImageConstPtr& image) {
-    noticeTimeJump(image->header.stamp);
-    server_->addImage(image);
-  });
+  if (compressed_) {
+    // Remappings hold for whole names only, so `image/compressed` has to follow the one of `image`.
+    subscribeImages<sensor_msgs::CompressedImage>(node_.resolveName("image") + "/compressed",
+                                                  node_.resolveName("masks") + "/compressed");
+  } else {
+    subscribeImages<sensor_msgs::Image>("image", "masks");
+  }
   subscribe<sensor_msgs::CameraInfo>(info_monitor_, "camera_info",
                                      [this](const sensor_msgs::CameraInfoConstPtr& info) {
-                                       noticeTimeJump(last_image_stamp_);
+                                       noticeTimeJump();
                                        server_->addCameraInfo(info);
                                      });
   subscribe<sensor_msgs::PointCloud2>(points_monitor_, "points",
                                       [this](const sensor_msgs::PointCloud2ConstPtr& cloud) {
-                                        noticeTimeJump(last_image_stamp_);
+                                        noticeTimeJump();
                                         server_->addCloud(cloud);
                                       });
-  subscribeImage(masks_monitor_, "masks", [this](const sensor_msgs::ImageConstPtr& masks) {
-    noticeTimeJump(last_image_stamp_);
-    server_->addMasks(masks);
-  });
 }
 
-/// The node's clock goes back when a bag is played again with --clock, the images' stamps also without.
-void NodeInterface::noticeTimeJump(const ros::Time& image_stamp) {
+/// The node's clock goes back when a bag is played again with --clock, the images' stamps also without. An
+/// image is judged by the older of the two before it, so that one bad stamp far ahead is no jump.
+void NodeInterface::noticeTimeJump(const ros::Time* image_stamp) {
   const ros::Time now = ros::Time::now();
-  const double clock_step = (now - last_now_).toSec(), image_step = (image_stamp - last_image_stamp_).toSec();
-  const bool jumped = clock_step < (ros::Time::isSimTime() ? 0.0 : -kTimeJump) || image_step < -kTimeJump;
+  // As numbers: the difference of two ros::Time throws if a bad stamp makes it too large.
+  const double clock_step = now.toSec() - last_now_.toSec();
+  double image_step = 0.0;
+  if (image_stamp != nullptr) {
+    image_step = image_stamp->toSec() - std::min(last_image_stamp_, second_last_image_stamp_).toSec();
+    second_last_image_stamp_ = std::exchange(last_image_stamp_, *image_stamp);
+  }
   last_now_ = now;
-  last_image_stamp_ = image_stamp;
-  if (!jumped) return;
+  if (clock_step >= (ros::Time::isSimTime() ? 0.0 : -kTimeJump) && image_step >= -kTimeJump) return;
   ROS_INFO_STREAM_NAMED(name_, name_ << ": time went back by " << -std::min(clock_step, image_step)
                                      << " s: caches are cleared, prepared frames stay");
-  // The images to come are older than the last one, and that is no second jump.
-  if (clock_step < image_step) last_image_stamp_ = ros::Time();
+  // The images to come are older than the last ones, and that is no second jump.
+  if (clock_step < image_step) last_image_stamp_ = second_last_image_stamp_ = ros::Time();
   server_->timeJumpedBack();
 }
 
@@ -203,9 +201,9 @@ void NodeInterface::offerServices() {
   offerTrigger("cancel", [this](std::string& message) { return server_->cancel(message); });
   offerTrigger("restore", [this](std::string& message) { return server_->restore(message); });
 
-  // Several callers may wait for one recalibration while another cancels it.
-  constexpr std::uint32_t kWaitingCallers = 4;
-  recalibrate_spinner_ = std::make_unique<ros::AsyncSpinner>(kWaitingCallers, &recalibrate_queue_);
+  // While some callers wait for a recalibration, one thread answers the others.
+  constexpr std::uint32_t kThreads = RecalibrationServer::kMaxWaitingCallers + 1;
+  recalibrate_spinner_ = std::make_unique<ros::AsyncSpinner>(kThreads, &recalibrate_queue_);
   service_spinner_ = std::make_unique<ros::AsyncSpinner>(1, &service_queue_);
   recalibrate_spinner_->start();
   service_spinner_->start();
@@ -214,7 +212,7 @@ void NodeInterface::offerServices() {
 // --- diagnostics ---
 
 void NodeInterface::onTimer(const ros::WallTimerEvent&) {
-  if (isWorking()) noticeTimeJump(last_image_stamp_);
+  if (isWorking()) noticeTimeJump();
   diagnostics_.force_update();
 }
 
@@ -243,15 +241,19 @@ void NodeInterface::diagnoseRecalibration(DiagnosticStatusWrapper& status) {
   status.add("state", state.text);
   status.add("frames", state.frames);
   status.add("extrinsic", source);
-  status.add("images that wait for masks", state.pending);
+  status.add("images", state.images);
+  status.add("images scored", state.scored);
+  status.add("images that wait", state.waiting);
   status.add("memory [MB]", state.memory / 1000000);
   status.add("dropped: unmatched", state.dropped_unmatched);
   status.add("dropped: no masks", state.dropped_no_masks);
-  status.add("dropped: unknown masks", state.dropped_unknown_masks);
   status.add("dropped: invalid", state.dropped_invalid);
   status.add("dropped: poor", state.dropped_poor);
   status.add("dropped: no extrinsic", state.dropped_no_extrinsic);
   status.add("dropped: memory", state.dropped_memory);
+  status.add("dropped: forgotten", state.dropped_forgotten);
+  status.add("dropped: unknown masks", state.dropped_unknown_masks);
+  status.add("dropped: unused messages", state.dropped_unused);
   const std::lock_guard<std::mutex> lock(report_mutex_);
   status.add("last result", last_result_);
   if (!last_result_accepted_)

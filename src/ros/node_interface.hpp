@@ -44,12 +44,13 @@ class NodeInterface {
   void subscribe();
   void offerServices();
 
+  /// Receives the very message that a publisher in the same process published; nothing is copied.
   template <typename Message>
   void subscribe(InputMonitor& monitor, const std::string& topic,
                  std::function<void(const boost::shared_ptr<const Message>&)> take);
-  void subscribeImage(InputMonitor& monitor, const std::string& input,
-                      std::function<void(const sensor_msgs::ImageConstPtr&)> take);
-  void noticeTimeJump(const ros::Time& image_stamp);
+  template <typename Message>
+  void subscribeImages(const std::string& image, const std::string& masks);
+  void noticeTimeJump(const ros::Time* image_stamp = nullptr);
   void onTimer(const ros::WallTimerEvent& event);
   void diagnoseInputs(diagnostic_updater::DiagnosticStatusWrapper& status);
   void diagnoseRecalibration(diagnostic_updater::DiagnosticStatusWrapper& status);
@@ -61,7 +62,7 @@ class NodeInterface {
 
   diagnostic_updater::Updater diagnostics_;
   RepeatFilter repeat_filter_;
-  ros::Time last_now_, last_image_stamp_;
+  ros::Time last_now_, last_image_stamp_, second_last_image_stamp_;
   ros::WallTime start_ = ros::WallTime::now();
 
   /// Written by the server's worker, read by the diagnostics.

@@ -75,7 +75,8 @@ class RecalibrationServer::Impl {
   Impl(const ServerConfig& config, const tf2::BufferCore& tf, const std::string& name, ServerOutputs outputs);
   ~Impl() { stop(); }
 
-  void add(std::size_t bytes, std::function<void(FrameSynchroniser&)> input);
+  enum class Kind { kImage, kOther };
+  void add(Kind kind, std::size_t bytes, std::function<void(FramePipeline&)> input);
   void clearCaches();
   Recalibrate::Response recalibrate(const Recalibrate::Request& request);
   bool save(const std::string& path, const std::string& format, std::string& message) const;
@@ -89,8 +90,9 @@ class RecalibrationServer::Impl {
 
  private:
   struct Input {
+    Kind kind;
     std::size_t bytes;
-    std::function<void(FrameSynchroniser&)> add;
+    std::function<void(FramePipeline&)> add;
   };
   /// One recalibration, from its request to its answer. Guarded by mutex_.
   struct Job {
@@ -108,6 +110,7 @@ class RecalibrationServer::Impl {
     std::string error;  ///< of a search that failed
   };
 
+  void clearQueue();  ///< with mutex_ held
   JobPtr makeJob(const Recalibrate::Request& request) const;
   void wake();  ///< with mutex_ held
 
@@ -137,8 +140,10 @@ class RecalibrationServer::Impl {
   mutable std::mutex mutex_;
   std::condition_variable work_arrived_, job_finished_, became_idle_;
   std::deque<Input> queue_;
-  std::size_t queued_bytes_ = 0;
-  std::uint64_t dropped_queued_ = 0;
+  std::size_t queued_bytes_ = 0, queued_images_ = 0;
+  std::uint64_t images_ = 0;  ///< received since the start
+  std::uint64_t dropped_images_ = 0, dropped_others_ = 0, forgotten_images_ = 0;  ///< out of the queue
+  std::size_t waiting_callers_ = 0;
   bool has_work_ = false, idle_ = false, stopping_ = false;
   bool clear_caches_ = false, clear_frames_ = false;
   JobPtr job_;
@@ -182,31 +187,38 @@ void RecalibrationServer::Impl::wake() {
   work_arrived_.notify_one();
 }
 
-void RecalibrationServer::Impl::add(std::size_t bytes, std::function<void(FrameSynchroniser&)> input) {
+void RecalibrationServer::Impl::add(Kind kind, std::size_t bytes, std::function<void(FramePipeline&)> input) {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (stopping_) return;
-  queue_.push_back({bytes, std::move(input)});
+  queue_.push_back({kind, bytes, std::move(input)});
   queued_bytes_ += bytes;
+  if (kind == Kind::kImage) ++images_, ++queued_images_;
   while (queue_.size() > kMaxQueued || (queue_.size() > 1 && queued_bytes_ > kMaxQueuedBytes)) {
+    const bool is_image = queue_.front().kind == Kind::kImage;
     queued_bytes_ -= queue_.front().bytes;
+    queued_images_ -= is_image ? 1 : 0;
     queue_.pop_front();
-    ++dropped_queued_;
+    ++(is_image ? dropped_images_ : dropped_others_);
   }
   wake();
 }
 
+void RecalibrationServer::Impl::clearQueue() {
+  forgotten_images_ += queued_images_;
+  queue_.clear();
+  queued_bytes_ = queued_images_ = 0;
+}
+
 void RecalibrationServer::Impl::clearCaches() {
   const std::lock_guard<std::mutex> lock(mutex_);
-  queue_.clear();
-  queued_bytes_ = 0;
+  clearQueue();
   clear_caches_ = true;
   wake();
 }
 
 void RecalibrationServer::Impl::reset() {
   const std::lock_guard<std::mutex> lock(mutex_);
-  queue_.clear();
-  queued_bytes_ = 0;
+  clearQueue();
   clear_caches_ = clear_frames_ = true;
   wake();
 }
@@ -229,6 +241,11 @@ Recalibrate::Response RecalibrationServer::Impl::recalibrate(const Recalibrate::
 
   std::unique_lock<std::mutex> lock(mutex_);
   if (stopping_) return answer(false, "the node is shutting down");
+  if (request.wait && waiting_callers_ >= kMaxWaitingCallers)
+    return answer(false,
+                  std::to_string(waiting_callers_) +
+                      " callers wait already for the recalibration that is under way; its outcome comes on "
+                      "~result, also for whoever calls without wait");
   const bool joined = job_ != nullptr;
   if (!joined) job_ = makeJob(request);
   const JobPtr job = job_;
@@ -242,11 +259,15 @@ Recalibrate::Response RecalibrationServer::Impl::recalibrate(const Recalibrate::
   }
   // A joined caller only stops waiting; the deadline of the job itself is its first caller's.
   const auto finished = [&] { return job->finished; };
+  bool in_time = true;
+  ++waiting_callers_;
   if (!joined) {
     job_finished_.wait(lock, finished);
-  } else if (!job_finished_.wait_until(lock, *makeJob(request)->deadline, finished)) {
-    return answer(false, prefix + "it was not finished within the timeout");
+  } else {
+    in_time = job_finished_.wait_until(lock, *makeJob(request)->deadline, finished);
   }
+  --waiting_callers_;
+  if (!in_time) return answer(false, prefix + "it was not finished within the timeout");
   Recalibrate::Response response = job->response;
   response.message = prefix + response.message;
   return response;
@@ -320,8 +341,7 @@ void RecalibrationServer::Impl::guarded(const char* what, const Action& action) 
 /// Inputs become frames, frames are scored and kept, a requested search is started and its outcome applied.
 void RecalibrationServer::Impl::run() {
   while (waitForWork()) {
-    for (const Input& input : takeInputs())
-      guarded("taking a message", [&] { input.add(pipeline_.synchroniser()); });
+    for (const Input& input : takeInputs()) guarded("taking a message", [&] { input.add(pipeline_); });
     guarded("processing a frame", [&] { pipeline_.step(); });
     finishSearch();
     advanceJob();
@@ -349,7 +369,7 @@ std::deque<RecalibrationServer::Impl::Input> RecalibrationServer::Impl::takeInpu
   const std::lock_guard<std::mutex> lock(mutex_);
   if (std::exchange(clear_caches_, false)) pipeline_.clearCaches();
   if (std::exchange(clear_frames_, false)) pipeline_.clearFrames();
-  queued_bytes_ = 0;
+  queued_bytes_ = queued_images_ = 0;
   return std::exchange(queue_, {});
 }
 
@@ -520,7 +540,11 @@ void RecalibrationServer::Impl::updateState() {
                   : job_ || state.frames < state.frames_required ? RecalibrationState::COLLECTING
                                                                  : RecalibrationState::IDLE;
     state.progress = state.state == RecalibrationState::SEARCHING ? static_cast<float>(progress_) : 0.0f;
-    state.dropped_memory += dropped_queued_;
+    state.images = images_;
+    state.waiting += queued_images_;
+    state.dropped_memory += dropped_images_;
+    state.dropped_unused += dropped_others_;
+    state.dropped_forgotten += forgotten_images_;
     state.memory += queued_bytes_;
     state.text = describe(state);
     state_ = state;
@@ -572,23 +596,37 @@ RecalibrationServer::RecalibrationServer(const ServerConfig& config, const tf2::
 RecalibrationServer::~RecalibrationServer() = default;
 
 void RecalibrationServer::addImage(const sensor_msgs::ImageConstPtr& image) {
-  impl_->add(image->data.size(), [image](FrameSynchroniser& synchroniser) { synchroniser.addImage(image); });
+  impl_->add(Impl::Kind::kImage, image->data.size(),
+             [image](FramePipeline& pipeline) { pipeline.synchroniser().addImage(image); });
+}
+
+void RecalibrationServer::addImage(const sensor_msgs::CompressedImageConstPtr& image) {
+  impl_->add(Impl::Kind::kImage, image->data.size(),
+             [image](FramePipeline& pipeline) { pipeline.addImage(*image); });
 }
 
 void RecalibrationServer::addCameraInfo(const sensor_msgs::CameraInfoConstPtr& info) {
-  impl_->add(sizeof *info, [info](FrameSynchroniser& synchroniser) { synchroniser.addCameraInfo(info); });
+  impl_->add(Impl::Kind::kOther, sizeof *info,
+             [info](FramePipeline& pipeline) { pipeline.synchroniser().addCameraInfo(info); });
 }
 
 void RecalibrationServer::addCloud(const sensor_msgs::PointCloud2ConstPtr& cloud) {
-  impl_->add(cloud->data.size(), [cloud](FrameSynchroniser& synchroniser) { synchroniser.addCloud(cloud); });
+  impl_->add(Impl::Kind::kOther, cloud->data.size(),
+             [cloud](FramePipeline& pipeline) { pipeline.synchroniser().addCloud(cloud); });
 }
 
 void RecalibrationServer::addMasks(const sensor_msgs::ImageConstPtr& masks) {
-  impl_->add(masks->data.size(), [masks](FrameSynchroniser& synchroniser) { synchroniser.addMasks(masks); });
+  impl_->add(Impl::Kind::kOther, masks->data.size(),
+             [masks](FramePipeline& pipeline) { pipeline.synchroniser().addMasks(masks); });
+}
+
+void RecalibrationServer::addMasks(const sensor_msgs::CompressedImageConstPtr& masks) {
+  impl_->add(Impl::Kind::kOther, masks->data.size(),
+             [masks](FramePipeline& pipeline) { pipeline.addMasks(*masks); });
 }
 
 void RecalibrationServer::flush() {
-  impl_->add(0, [](FrameSynchroniser& synchroniser) { synchroniser.flush(); });
+  impl_->add(Impl::Kind::kOther, 0, [](FramePipeline& pipeline) { pipeline.synchroniser().flush(); });
 }
 
 void RecalibrationServer::timeJumpedBack() { impl_->clearCaches(); }

@@ -6,6 +6,7 @@
 #include <lidar_camera_recalibration/Recalibrate.h>
 #include <lidar_camera_recalibration/RecalibrationState.h>
 #include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <tf2/buffer_core.h>
@@ -50,10 +51,13 @@ class RecalibrationServer {
   void addCameraInfo(const sensor_msgs::CameraInfoConstPtr& info);
   void addCloud(const sensor_msgs::PointCloud2ConstPtr& cloud);
   void addMasks(const sensor_msgs::ImageConstPtr& masks);
+  void addImage(const sensor_msgs::CompressedImageConstPtr& image);
+  void addMasks(const sensor_msgs::CompressedImageConstPtr& masks);
   /// Time went back (a bag loops): caches are cleared, frames already prepared stay.
   void timeJumpedBack();
 
-  /// Blocks only if the request says `wait`.
+  /// Blocks only if the request says `wait`, and only so many callers at a time: a thread each.
+  static constexpr std::size_t kMaxWaitingCallers = 4;
   Recalibrate::Response recalibrate(const Recalibrate::Request& request);
   bool save(const std::string& path, const std::string& format, std::string& message);
   void reset();                        ///< forgets frames and caches, keeps the extrinsic

@@ -43,6 +43,9 @@ using Bags = std::vector<std::unique_ptr<rosbag::Bag>>;
 ServerConfig serverConfig(const Options& options) {
   ServerConfig config = loadServerConfig(options.config, options.assignments);
   config.mode = "on_request";
+  // Masks may be recorded long after their images, and no vehicle needs the memory here.
+  constexpr std::size_t kCacheBytes = 1024u * 1024 * 1024;
+  config.synchroniser.max_bytes = std::max(config.synchroniser.max_bytes, kCacheBytes);
   // An offline run depends on what it is given and on nothing left from runs before.
   config.initial_from_saved = false;
   config.result_file.clear();
@@ -172,13 +175,14 @@ class Feeder {
 
 std::string droppedByCause(const RecalibrationState& state) {
   const std::vector<std::pair<const char*, std::uint64_t>> causes = {
-      {"without partner within the stamp gap", state.dropped_unmatched},
+      {"without camera_info or cloud", state.dropped_unmatched},
       {"without masks in time", state.dropped_no_masks},
-      {"masks of unknown images", state.dropped_unknown_masks},
       {"malformed", state.dropped_invalid},
       {"too poor", state.dropped_poor},
       {"without initial extrinsic", state.dropped_no_extrinsic},
-      {"for lack of memory", state.dropped_memory}};
+      {"for lack of memory", state.dropped_memory},
+      {"masks of unknown images", state.dropped_unknown_masks},
+      {"clouds and camera_infos without image", state.dropped_unused}};
   std::string text;
   for (const auto& [cause, count] : causes) {
     if (count > 0) text += (text.empty() ? "" : ", ") + std::to_string(count) + " " + cause;
