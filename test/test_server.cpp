@@ -744,8 +744,8 @@ TEST(Server, EveryImageIsAccountedForAtEveryMoment) {
   rig.server->waitUntilIdle();
   const auto accounted = [](const RecalibrationState& state) {
     return state.scored + state.waiting + state.dropped_unmatched + state.dropped_no_masks +
-           state.dropped_invalid + state.dropped_poor + state.dropped_no_extrinsic + state.dropped_memory +
-           state.dropped_forgotten;
+           state.dropped_invalid + state.dropped_poor + state.dropped_no_extrinsic + state.dropped_no_motion +
+           state.dropped_memory + state.dropped_forgotten;
   };
   for (const RecalibrationState& state : rig.states()) EXPECT_EQ(state.images, accounted(state)) << state;
   const RecalibrationState state = rig.server->state();

@@ -113,6 +113,7 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
       {"intensity_field", "remission"},
       {"camera_frame", "cam"},
       {"lidar_frame", "os"},
+      {"fixed_frame", "odom"},
       {"sync/max_stamp_gap", 0.02},
       {"sync/mask_timeout", 10.5},
       {"sync/max_unmatched", 33},

@@ -9,13 +9,15 @@
 #include "conversions.hpp"
 #include "lidar_camera_recalibration/calibrator.hpp"
 #include "lidar_camera_recalibration/overlay.hpp"
+#include "motion.hpp"
 #include "result_messages.hpp"
 
 namespace lidar_camera_recalibration {
 
-FramePipeline::FramePipeline(const ServerConfig& config, ExtrinsicKeeper& keeper, const std::string& name,
-                             const ServerOutputs& outputs)
+FramePipeline::FramePipeline(const ServerConfig& config, const tf2::BufferCore& tf, ExtrinsicKeeper& keeper,
+                             const std::string& name, const ServerOutputs& outputs)
     : config_(config),
+      tf_(tf),
       keeper_(keeper),
       name_(name),
       outputs_(outputs),
@@ -23,13 +25,17 @@ FramePipeline::FramePipeline(const ServerConfig& config, ExtrinsicKeeper& keeper
       buffer_(config),
       objective_(makeObjective(config.calibrator.objective)) {}
 
+void FramePipeline::warn(const std::string& what) {
+  if (repeat_filter_.isDue(what)) ROS_WARN_STREAM_NAMED(name_, name_ << ": " << what);
+}
+
 sensor_msgs::ImageConstPtr FramePipeline::decoded(const char* input,
                                                   const sensor_msgs::CompressedImage& message) {
   try {
     return decode(message);
   } catch (const Error& e) {
     last_problem_ = std::string(input) + ": " + e.what();
-    if (repeat_filter_.isDue(last_problem_)) ROS_WARN_STREAM_NAMED(name_, name_ << ": " << last_problem_);
+    warn(last_problem_);
     return nullptr;
   }
 }
@@ -84,6 +90,7 @@ void FramePipeline::process(const FrameMessages& messages) {
     score(messages, prepare(messages, extrinsic, ids), extrinsic);
   } catch (const Error& e) {
     std::uint64_t& counter = e.cause() == ErrorCause::kExtrinsic   ? dropped_no_extrinsic_
+                             : e.cause() == ErrorCause::kMotion    ? dropped_no_motion_
                              : e.cause() == ErrorCause::kNotEnough ? dropped_poor_
                                                                    : dropped_invalid_;
     refuse(messages, counter, e.what());
@@ -103,9 +110,17 @@ FramePtr FramePipeline::prepare(const FrameMessages& messages, const Eigen::Isom
     else
       ROS_WARN_STREAM_NAMED(name_, name_ << ": " << check.text);
   }
-  const std::string no_reflectivity = "points have no intensity field: the reflectivity term is left out";
-  if (!inputs.cloud.hasReflectivity() && repeat_filter_.isDue(no_reflectivity))
-    ROS_WARN_STREAM_NAMED(name_, name_ << ": " << no_reflectivity);
+  if (!inputs.cloud.hasReflectivity())
+    warn("points have no intensity field: the reflectivity term is left out");
+  if (!config_.fixed_frame.empty()) {
+    if (inputs.cloud.time.empty())
+      warn(
+          "points have no times of their own that make sense (see the parameter fixed_frame): clouds are "
+          "moved to "
+          "the stamps of the images, but not deskewed");
+    moveToImage(inputs.cloud, tf_, config_.fixed_frame, ids.lidar, messages.cloud->header.stamp,
+                messages.image->header.stamp);
+  }
   return makeFrame(messages.image->header.stamp.toSec(), inputs.camera, inputs.image, inputs.layers,
                    inputs.cloud, extrinsic, config_.frame);
 }
@@ -120,10 +135,12 @@ void FramePipeline::score(const FrameMessages& messages, const FramePtr& frame,
   message.used = message.reason.empty();
   if (message.used) {
     buffer_.add(frame, messages.image->header.stamp);
-    if (outputs_.kept) outputs_.kept(messages);
+    if (outputs_.kept) outputs_.kept(frame);
   }
   newest_ = Newest{frame, messages.image->header, messages.cloud->header};
   newest_->cloud_header.frame_id = frameIds(messages, config_).lidar;
+  if (!config_.fixed_frame.empty())
+    newest_->cloud_header.stamp = messages.image->header.stamp;  // moved there
   last_problem_.clear();
   publish(message, messages);
   pictures_due_ = true;
@@ -133,7 +150,7 @@ void FramePipeline::score(const FrameMessages& messages, const FramePtr& frame,
 void FramePipeline::refuse(const FrameMessages& messages, std::uint64_t& counter, const std::string& reason) {
   ++counter;
   last_problem_ = reason;
-  if (repeat_filter_.isDue(reason)) ROS_WARN_STREAM_NAMED(name_, name_ << ": frame refused: " << reason);
+  warn("frame refused: " + reason);
   publish(refusedMessage(messages.image->header, reason), messages);
 }
 
@@ -188,6 +205,7 @@ void FramePipeline::describe(RecalibrationState& state) const {
   state.dropped_invalid = dropped_invalid_;
   state.dropped_poor = dropped_poor_;
   state.dropped_no_extrinsic = dropped_no_extrinsic_;
+  state.dropped_no_motion = dropped_no_motion_;
 }
 
 }  // namespace lidar_camera_recalibration

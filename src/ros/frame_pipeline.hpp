@@ -23,8 +23,8 @@ namespace lidar_camera_recalibration {
 /// From messages to scored frames in the buffer. Belongs to the server's worker thread alone.
 class FramePipeline {
  public:
-  FramePipeline(const ServerConfig& config, ExtrinsicKeeper& keeper, const std::string& name,
-                const ServerOutputs& outputs);
+  FramePipeline(const ServerConfig& config, const tf2::BufferCore& tf, ExtrinsicKeeper& keeper,
+                const std::string& name, const ServerOutputs& outputs);
 
   FrameSynchroniser& synchroniser() { return synchroniser_; }
   /// Decodes first: that takes long, so it is the worker's work. What cannot be decoded is given up.
@@ -60,9 +60,11 @@ class FramePipeline {
   void refuse(const FrameMessages& messages, std::uint64_t& counter, const std::string& reason);
   cv::Mat overlay(const FramePtr& frame, const Eigen::Isometry3d& T_camera_lidar,
                   const std::string& state) const;
+  void warn(const std::string& what);
   void publish(CalibrationScore message, const FrameMessages& messages);
 
   const ServerConfig& config_;
+  const tf2::BufferCore& tf_;
   ExtrinsicKeeper& keeper_;
   const std::string name_;
   const ServerOutputs& outputs_;
@@ -81,7 +83,8 @@ class FramePipeline {
   std::string last_problem_;
   bool startup_checked_ = false, pictures_due_ = false;
   std::uint64_t scored_ = 0, dropped_invalid_ = 0, dropped_poor_ = 0, dropped_no_extrinsic_ = 0,
-                dropped_late_ = 0, dropped_forgotten_ = 0, dropped_unreadable_masks_ = 0;
+                dropped_no_motion_ = 0, dropped_late_ = 0, dropped_forgotten_ = 0,
+                dropped_unreadable_masks_ = 0;
 };
 
 }  // namespace lidar_camera_recalibration

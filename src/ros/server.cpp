@@ -174,7 +174,7 @@ RecalibrationServer::Impl::Impl(const ServerConfig& config, const tf2::BufferCor
       name_(name),
       outputs_(std::move(outputs)),
       keeper_(config_, tf, name),
-      pipeline_(config_, keeper_, name, outputs_) {
+      pipeline_(config_, tf, keeper_, name, outputs_) {
   makeSearch(config_.calibrator.search);  // its complaint belongs here, not into the first search
   worker_ = std::thread([this] { run(); });
 }

@@ -185,6 +185,7 @@ std::vector<Parameter> inputParameters() {
       string("intensity_field", "the name of a point field or \"\"", MEMBER(intensity_field)),
       frameId("camera_frame", MEMBER(camera_frame)),
       frameId("lidar_frame", MEMBER(lidar_frame)),
+      frameId("fixed_frame", MEMBER(fixed_frame)),
       number("sync/max_stamp_gap", 0.0, 1.0, MEMBER(synchroniser.max_stamp_gap)),
       number("sync/mask_timeout", 0.1, 3600.0, MEMBER(synchroniser.mask_timeout)),
       number("sync/max_unmatched", 2, 1000, MEMBER(synchroniser.max_unmatched)),

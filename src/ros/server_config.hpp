@@ -28,6 +28,8 @@ struct ServerConfig {
   std::string intensity_field;  ///< empty: automatic
   std::string camera_frame;     ///< optical frame; empty: the image's frame id
   std::string lidar_frame;      ///< empty: the cloud's frame id
+  std::string
+      fixed_frame;  ///< clouds are deskewed and moved to the image's stamp in it; empty: taken as they are
 
   // Initial guess: the saved result, or this matrix, or tf
   std::optional<Eigen::Isometry3d> initial_T_camera_lidar;

@@ -60,7 +60,7 @@ struct Options {
   std::string out, dataset;  ///< bag and folder; one of them may be empty
   std::uint64_t seed = 1;
   int frames = 20;
-  double rate = 2.0, speed = 8.0;
+  double rate = 2.0, speed = 8.0, winding = 1.0;
   NumberPair error{3.0, 0.1};                              ///< [deg], [m]
   double step_time = -1.0, step_deg = 1.0, step_m = 0.05;  ///< a negative time means never
   int beams = 64;
@@ -246,7 +246,7 @@ class Drive {
  public:
   explicit Drive(const Options& options)
       : options_(options),
-        street_(options.seed, options.speed * options.duration(), options.speed),
+        street_(options.seed, options.speed * options.duration(), options.speed, options.winding),
         scene_(street_.world()),
         rig_(makeRig(options.seed)),
         camera_(cameraIntrinsics(options)),
@@ -453,6 +453,8 @@ int simulateDriveMain(int argc, char** argv) {
       "frames per second; a low rate spreads them over a long street (default 2)");
   add("speed", inRange(0.0, 40.0, &options.speed, "speed")->value_name("V"),
       "of the vehicle [m/s] (default 8)");
+  add("winding", inRange(0.0, 2.0, &options.winding, "winding")->value_name("K"),
+      "of the road: its bends have radii of 60 m and more, divided by K (default 1)");
   add("perturb", po::value(&options.error)->value_name("DEG M"),
       "error of the extrinsic in tf_static: angle and distance (default 3 0.1)");
   add("step-time", inRange(0.0, 1e6, &options.step_time, "step-time")->value_name("S"),
