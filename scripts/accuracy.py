@@ -52,6 +52,10 @@ STARTS = ['E1', 'E2', 'E3']
 BASIN = [3, 6, 9, 12]  # [deg]
 BEAMS = [64, 32, 16]
 SIMULATION = ['--frames', '25', '--rate', '0.05', '--seed', '11']  # 25 frames along 3.8 km of street
+# Drives with clouds as fired: 15 m/s, bends of up to 20 deg/s.
+MOTION = ['--raw', '--frames', '20', '--rate', '1', '--speed', '15', '--winding', '1.6', '--perturb', '2', '0.1']
+MOTION_SEEDS = [11, 12, 13]
+MOTION_DELAYS = [0, 0.05]  # of the cloud after its image [s]
 AXES = {'rx': 'pitch (about x)', 'ry': 'yaw (about y)', 'rz': 'roll (about z)',
         'tx': 'sideways (along x)', 'ty': 'vertical (along y)', 'tz': 'forward (along z)'}
 
@@ -117,6 +121,31 @@ class Bench:
             unfinished.unlink()
         self.asked.add(name)
         return Cells(kept, table)
+
+    def calibrated(self, seed, delay, fixed_frame):
+        """What calibrate_bag says about a drive with clouds as fired."""
+        name = 'motion_{}_{}'.format(seed, delay)
+        bag, result = self.work / (name + '.bag'), self.work / '{}-{}.json'.format(name, fixed_frame or 'as_fired')
+        drive = [*MOTION, '--seed', str(seed), '--cloud-delay', str(delay)]
+        command = ['--set', 'fixed_frame=' + fixed_frame, '--set', 'frames/max_turn_rate_deg=360']
+        kept = read_json(result)
+        fresh = self.arguments.fresh and result not in self.asked
+        if fresh or kept.get('command') != drive + command:
+            program = self.programs / 'simulate_drive'
+            if not program.exists():
+                raise Missing('simulate_drive is not built: it needs Embree (libembree-dev)')
+            forget(result)
+            if bag not in self.asked:
+                call([program, bag, *drive])
+            unfinished = self.work / (name + '.unfinished')
+            call([self.programs / 'calibrate_bag', bag, '--reference', bag.with_suffix('.truth.yaml'), '--json', unfinished,
+                  *command])
+            kept = dict(json.loads(unfinished.read_text()), command=drive + command, commit=self.commit)
+            result.write_text(json.dumps(kept, indent=1) + '\n')
+            unfinished.unlink()
+            self.asked.add(bag)
+        self.asked.add(result)
+        return kept
 
     def slices(self, name, dataset, extra=()):
         table, record = self.work / (name + '.csv'), self.work / (name + '.json')
@@ -395,6 +424,24 @@ def kind_of(reason):
     return ' '.join(words)
 
 
+def motion_section(bench):
+    lines = ['| cloud after the image | clouds | rotation [deg], each drive | translation [cm], each drive '
+             '| mean | score |', 6 * '|---' + '|']
+    commits = set()
+    for delay in MOTION_DELAYS:
+        for label, frame in (('taken as they are', ''), ('deskewed and moved to the image (`fixed_frame`)', 'odom')):
+            results = [bench.calibrated(seed, delay, frame) for seed in MOTION_SEEDS]
+            commits |= {result['commit'] for result in results}
+            turns = [result['rotation_error_after_deg'] for result in results]
+            shifts = [100 * result['translation_error_after_m'] for result in results]
+            lines.append('| {:.0f} ms | {} | {} | {} | {:.3f}° / {:.1f} cm | {:.3f} |'.format(
+                1000 * delay, label, ', '.join('{:.3f}'.format(turn) for turn in turns),
+                ', '.join('{:.1f}'.format(shift) for shift in shifts), sum(turns) / len(turns),
+                sum(shifts) / len(shifts), sum(result['score_after'] for result in results) / len(results)))
+    return '\n'.join(lines + ['\n*Drives with seeds {}; measured at {}.*'.format(
+        ', '.join(str(seed) for seed in MOTION_SEEDS), ', '.join(sorted(commits)))])
+
+
 # --- the bars --------------------------------------------------------------------------------------------------------
 
 class Bar:
@@ -532,7 +579,7 @@ SECTIONS = collections.OrderedDict([
     ('bars', bars_section), ('methods', methods_section), ('frames', frames_section), ('beams', beams_section),
     ('rings', rings_section), ('halves', halves_section), ('ablation', ablation_section),
     ('offset', offset_section), ('covariance', covariance_section), ('basin', basin_section),
-    ('slices', slices_section), ('others', others_section)])
+    ('slices', slices_section), ('motion', motion_section), ('others', others_section)])
 
 
 def main():

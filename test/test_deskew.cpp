@@ -15,7 +15,8 @@ using Way = std::function<Eigen::Isometry3d(double time)>;
 
 constexpr double kBegin = -0.05, kEnd = 0.05;  // of the sweep, around the stamp of the cloud [s]
 
-/// A vehicle in a bend, far from the origin of the fixed frame: 15 m/s, 20 deg/s, and its body rolls and pitches.
+/// A vehicle in a bend, far from the origin of the fixed frame: 15 m/s, 20 deg/s, and its body rolls and
+/// pitches.
 Eigen::Isometry3d inABend(double time) {
   Vector6d twist;
   twist << 0.05, -0.03, 20.0 * kDegree, 15.0, 0.4, -0.1;
@@ -44,7 +45,8 @@ struct Scan {
   PointCloud as_fired, from_standing;
 };
 
-/// One turn of a LiDAR that looks at a still world; and what it would have seen standing at its pose of `image_time`.
+/// One turn of a LiDAR that looks at a still world; and what it would have seen standing at its pose of
+/// `image_time`.
 Scan scan(const Way& way, double image_time, bool same_time_for_all = false) {
   Scan result;
   const Eigen::Isometry3d T_world_start = way(0.0), T_image_world = way(image_time).inverse();

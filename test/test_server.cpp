@@ -717,6 +717,91 @@ TEST_F(BadInput, CompressedImagesAndMasks) {
   EXPECT_TRUE(contains(state.text, "neither PNG nor JPEG")) << state.text;
 }
 
+// --- a vehicle in motion ---
+
+/// 12 m/s in a bend, 8 deg/s.
+Eigen::Isometry3d T_odom_lidar(double stamp) {
+  Vector6d twist;
+  twist << 0.0, 0.0, 8.0 * kDegree, 12.0, 0.0, 0.0;
+  return exp((stamp - 100.0) * twist);
+}
+
+void addOdometry(tf2::BufferCore& tf, double from, double to) {
+  for (double stamp = from; stamp <= to + 1e-6; stamp += 0.02) {
+    auto message = stampedTransform(T_odom_lidar(stamp), "odom", "lidar");
+    message.header.stamp = ros::Time(stamp);
+    tf.setTransform(message, "test");
+  }
+}
+
+/// The scene's points as a LiDAR fires them that turns once in 0.1 s around `middle`, while it moves.
+FrameMessages movingMessages(unsigned seed, double image_stamp, double middle) {
+  FrameMessages messages = syntheticMessages(seed, ros::Time(image_stamp));
+  sensor_msgs::PointCloud2 cloud;
+  cloud.header = messages.cloud->header;
+  cloud.header.stamp = ros::Time(middle);
+  sensor_msgs::PointCloud2Modifier modifier(cloud);
+  using sensor_msgs::PointField;
+  modifier.setPointCloud2Fields(5, "x", 1, PointField::FLOAT32, "y", 1, PointField::FLOAT32, "z", 1,
+                                PointField::FLOAT32, "intensity", 1, PointField::FLOAT32, "time", 1,
+                                PointField::FLOAT32);
+  modifier.resize(messages.cloud->width * messages.cloud->height);
+  sensor_msgs::PointCloud2ConstIterator<float> from(*messages.cloud, "x");
+  sensor_msgs::PointCloud2Iterator<float> to(cloud, "x");
+  for (; from != from.end(); ++from, ++to) {
+    const double time = 0.05 * std::atan2(from[1], from[0]) / M_PI;
+    const Eigen::Vector3d standing(from[0], from[1], from[2]);
+    const Eigen::Vector3d fired =
+        T_odom_lidar(middle + time).inverse() * T_odom_lidar(image_stamp) * standing;
+    for (int k = 0; k < 3; ++k) to[k] = static_cast<float>(fired[k]);
+    to[3] = from[3];
+    to[4] = static_cast<float>(time);
+  }
+  messages.cloud = boost::make_shared<sensor_msgs::PointCloud2>(cloud);
+  return messages;
+}
+
+double scoreOf(const FrameMessages& messages, const std::string& fixed_frame, bool deskew = true) {
+  ServerConfig config = quickConfig();
+  config.initial_T_camera_lidar = SyntheticScene::T_camera_lidar();
+  config.fixed_frame = fixed_frame;
+  config.deskew = deskew;
+  Rig rig(config);
+  addOdometry(rig.tf, 99.0, 102.0);
+  rig.send(messages);
+  rig.server->flush();  // the cloud is earlier than the image: a nearer one could come
+  rig.server->waitUntilIdle();
+  EXPECT_EQ(rig.scores().size(), 1u);
+  return rig.scores().empty() ? NAN : rig.scores()[0].score;
+}
+
+TEST(Motion, WithTheFixedFrameAMovingCloudScoresLikeAStandingOne) {
+  const FrameMessages standing = syntheticMessages(1, ros::Time(101)),
+                      moving = movingMessages(1, 101.0, 100.97);
+  const double best = scoreOf(standing, "");
+  EXPECT_NEAR(scoreOf(moving, "odom"), best, 0.01 * best);
+  EXPECT_LT(scoreOf(moving, ""), 0.9 * best);
+  EXPECT_LT(scoreOf(moving, "odom", false), 0.995 * best) << "moved as a whole, but still skewed";
+}
+
+TEST(Motion, AFrameThatTfDoesNotCoverIsRefused) {
+  ServerConfig config = quickConfig();
+  config.fixed_frame = "odom";
+  Rig rig(config);
+  rig.add(movingMessages(1, 101.0, 101.0));
+  EXPECT_EQ(rig.server->state().dropped_no_motion, 1u);
+  addOdometry(rig.tf, 101.5, 102.01);
+  rig.add(movingMessages(2, 102.0, 102.0));  // the points in view are taken up to 102.02
+  EXPECT_EQ(rig.server->state().dropped_no_motion, 2u);
+  const auto scores = rig.scores();
+  ASSERT_EQ(scores.size(), 2u);
+  EXPECT_TRUE(contains(scores[0].reason, "fixed_frame") && contains(scores[0].reason, "odom"))
+      << scores[0].reason;
+  addOdometry(rig.tf, 102.05, 104.0);
+  rig.add(movingMessages(3, 103.0, 103.0));
+  EXPECT_EQ(rig.server->state().frames, 1u) << "it goes on as soon as tf is there";
+}
+
 TEST(Server, EveryImageIsAccountedForAtEveryMoment) {
   ServerConfig config = quickConfig();
   config.synchroniser.mask_timeout = 3.0;

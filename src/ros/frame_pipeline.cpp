@@ -99,8 +99,8 @@ void FramePipeline::process(const FrameMessages& messages) {
   }
 }
 
-FramePtr FramePipeline::prepare(const FrameMessages& messages, const Eigen::Isometry3d& extrinsic,
-                                const FrameIds& ids) {
+FramePipeline::Prepared FramePipeline::prepare(const FrameMessages& messages,
+                                               const Eigen::Isometry3d& extrinsic, const FrameIds& ids) {
   FrameInputs inputs = readMessages(messages, config_);
   if (!startup_checked_) {
     startup_checked_ = true;
@@ -112,31 +112,32 @@ FramePtr FramePipeline::prepare(const FrameMessages& messages, const Eigen::Isom
   }
   if (!inputs.cloud.hasReflectivity())
     warn("points have no intensity field: the reflectivity term is left out");
+  Prepared prepared;
   if (!config_.fixed_frame.empty()) {
-    if (inputs.cloud.time.empty())
+    if (!config_.deskew) inputs.cloud.time.clear();
+    if (config_.deskew && inputs.cloud.time.empty())
       warn(
           "points have no times of their own that make sense (see the parameter fixed_frame): clouds are "
-          "moved to "
-          "the stamps of the images, but not deskewed");
-    moveToImage(inputs.cloud, tf_, config_.fixed_frame, ids.lidar, messages.cloud->header.stamp,
-                messages.image->header.stamp);
+          "moved "
+          "to the stamps of the images, but not deskewed");
+    prepared.turn_rate_deg = moveToImage(inputs.cloud, tf_, config_.fixed_frame, ids.lidar,
+                                         messages.cloud->header.stamp, messages.image->header.stamp);
   }
-  return makeFrame(messages.image->header.stamp.toSec(), inputs.camera, inputs.image, inputs.layers,
-                   inputs.cloud, extrinsic, config_.frame);
+  prepared.frame = makeFrame(messages.image->header.stamp.toSec(), inputs.camera, inputs.image, inputs.layers,
+                             inputs.cloud, extrinsic, config_.frame);
+  return prepared;
 }
 
-void FramePipeline::score(const FrameMessages& messages, const FramePtr& frame,
+void FramePipeline::score(const FrameMessages& messages, const Prepared& prepared,
                           const Eigen::Isometry3d& extrinsic) {
+  const FramePtr& frame = prepared.frame;
   const auto evaluator = objective_->evaluator({frame}, {});
   const Score score = (*evaluator)(extrinsic);
   CalibrationScore message =
       scoreMessage(messages.image->header, score, validityIndex(*evaluator, extrinsic));
-  message.reason = buffer_.refusal(messages.image->header.stamp);
+  message.reason = buffer_.add(frame, messages.image->header.stamp, prepared.turn_rate_deg);
   message.used = message.reason.empty();
-  if (message.used) {
-    buffer_.add(frame, messages.image->header.stamp);
-    if (outputs_.kept) outputs_.kept(frame);
-  }
+  if (message.used && outputs_.kept) outputs_.kept(frame);
   newest_ = Newest{frame, messages.image->header, messages.cloud->header};
   newest_->cloud_header.frame_id = frameIds(messages, config_).lidar;
   if (!config_.fixed_frame.empty())

@@ -55,8 +55,12 @@ class FramePipeline {
   std::size_t readyBytes() const;
   sensor_msgs::ImageConstPtr decoded(const char* input, const sensor_msgs::CompressedImage& message);
   void process(const FrameMessages& messages);
-  FramePtr prepare(const FrameMessages& messages, const Eigen::Isometry3d& extrinsic, const FrameIds& ids);
-  void score(const FrameMessages& messages, const FramePtr& frame, const Eigen::Isometry3d& extrinsic);
+  struct Prepared {
+    FramePtr frame;
+    double turn_rate_deg = 0.0;  ///< [deg/s]; 0 if it is not known
+  };
+  Prepared prepare(const FrameMessages& messages, const Eigen::Isometry3d& extrinsic, const FrameIds& ids);
+  void score(const FrameMessages& messages, const Prepared& prepared, const Eigen::Isometry3d& extrinsic);
   void refuse(const FrameMessages& messages, std::uint64_t& counter, const std::string& reason);
   cv::Mat overlay(const FramePtr& frame, const Eigen::Isometry3d& T_camera_lidar,
                   const std::string& state) const;

@@ -36,9 +36,9 @@ LidarPose lookUpPose(const tf2::BufferCore& tf, const std::string& fixed_frame,
 
 }  // namespace
 
-FrameMotion moveToImage(PointCloud& cloud, const tf2::BufferCore& tf, const std::string& fixed_frame,
-                        const std::string& lidar_frame, const ros::Time& cloud_stamp,
-                        const ros::Time& image_stamp) {
+double moveToImage(PointCloud& cloud, const tf2::BufferCore& tf, const std::string& fixed_frame,
+                   const std::string& lidar_frame, const ros::Time& cloud_stamp,
+                   const ros::Time& image_stamp) {
   const double image_time = image_stamp.toSec() - cloud_stamp.toSec();
   double from = std::min(0.0, image_time - kTurnWindow), to = std::max(0.0, image_time);
   if (!cloud.time.empty()) {
@@ -53,14 +53,13 @@ FrameMotion moveToImage(PointCloud& cloud, const tf2::BufferCore& tf, const std:
         lookUpPose(tf, fixed_frame, lidar_frame, cloud_stamp, from + (to - from) * i / intervals));
 
   deskew(cloud, poses, image_time);
-  FrameMotion motion;
-  motion.T_fixed_lidar = lookUpPose(tf, fixed_frame, lidar_frame, cloud_stamp, image_time).T_fixed_lidar;
-  const Eigen::Isometry3d before =
-      lookUpPose(tf, fixed_frame, lidar_frame, cloud_stamp, image_time - kTurnWindow).T_fixed_lidar;
-  motion.turn_rate_deg =
-      Eigen::AngleAxisd(before.linear().transpose() * motion.T_fixed_lidar.linear()).angle() / kDegree /
-      kTurnWindow;
-  return motion;
+
+  const auto R_fixed_lidar = [&](double time) -> Eigen::Matrix3d {
+    return lookUpPose(tf, fixed_frame, lidar_frame, cloud_stamp, time).T_fixed_lidar.linear();
+  };
+  const Eigen::Matrix3d turn =
+      R_fixed_lidar(image_time - kTurnWindow).transpose() * R_fixed_lidar(image_time);
+  return Eigen::AngleAxisd(turn).angle() / kDegree / kTurnWindow;
 }
 
 }  // namespace lidar_camera_recalibration

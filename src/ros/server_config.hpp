@@ -28,8 +28,8 @@ struct ServerConfig {
   std::string intensity_field;  ///< empty: automatic
   std::string camera_frame;     ///< optical frame; empty: the image's frame id
   std::string lidar_frame;      ///< empty: the cloud's frame id
-  std::string
-      fixed_frame;  ///< clouds are deskewed and moved to the image's stamp in it; empty: taken as they are
+  std::string fixed_frame;      ///< in which clouds are moved to their images; empty: taken as they are
+  bool deskew = true;           ///< false: clouds are compensated already, though their points carry times
 
   // Initial guess: the saved result, or this matrix, or tf
   std::optional<Eigen::Isometry3d> initial_T_camera_lidar;
@@ -38,8 +38,10 @@ struct ServerConfig {
   // Frames
   FrameConfig frame;
   int frames_min = 5;
-  int frames_max = 20;               ///< the oldest one leaves
+  int frames_max = 20;               ///< of two that are alike the older one leaves
   double frames_min_interval = 1.0;  ///< between the stamps of two kept frames [s]
+  double frames_min_view_change = 0.05;
+  double frames_max_turn_rate_deg = 15.0;  ///< with fixed_frame [deg/s]
   std::size_t frames_max_bytes = 512u * 1024 * 1024;
 
   // Search and gate
