@@ -23,7 +23,8 @@ FramePipeline::FramePipeline(const ServerConfig& config, const tf2::BufferCore& 
       outputs_(outputs),
       synchroniser_(config.synchroniser),
       buffer_(config),
-      objective_(makeObjective(config.calibrator.objective)) {}
+      objective_(makeObjective(config.calibrator.objective)),
+      drift_monitor_(config.monitor) {}
 
 void FramePipeline::warn(const std::string& what) {
   if (repeat_filter_.isDue(what)) ROS_WARN_STREAM_NAMED(name_, name_ << ": " << what);
@@ -83,6 +84,16 @@ void FramePipeline::clearCaches() {
   ready_.clear();
 }
 
+void FramePipeline::clearFrames() {
+  buffer_.clear();
+  drift_monitor_.reset();
+}
+
+DriftVerdict FramePipeline::drift() const {
+  const auto current = keeper_.current();
+  return current ? drift_monitor_.window(current->T_camera_lidar) : DriftVerdict();
+}
+
 void FramePipeline::process(const FrameMessages& messages) {
   try {
     const FrameIds ids = frameIds(messages, config_);
@@ -135,6 +146,8 @@ void FramePipeline::score(const FrameMessages& messages, const Prepared& prepare
   const Score score = (*evaluator)(extrinsic);
   CalibrationScore message =
       scoreMessage(messages.image->header, score, validityIndex(*evaluator, extrinsic));
+  const DriftVerdict drift = drift_monitor_.add(*evaluator, extrinsic);
+  addDrift(drift, drift_monitor_.window(extrinsic), config_.monitor, message);
   message.reason = buffer_.add(frame, messages.image->header.stamp, prepared.turn_rate_deg);
   message.used = message.reason.empty();
   if (message.used && outputs_.kept) outputs_.kept(frame);
@@ -195,6 +208,9 @@ void FramePipeline::describe(RecalibrationState& state) const {
   state.frames = static_cast<std::uint32_t>(buffer_.size());
   state.pending = static_cast<std::uint32_t>(synchroniser_.pending());
   state.memory = synchroniser_.bytes() + readyBytes() + buffer_.bytes();
+  const DriftVerdict verdict = drift();
+  state.drift_state = static_cast<std::uint8_t>(verdict.state());
+  state.drift = lidar_camera_recalibration::describe(verdict, config_.monitor);
   state.scored = scored_;
   state.waiting = synchroniser_.images() + ready_.size();
   state.dropped_unmatched = counts.unmatched;

@@ -13,6 +13,7 @@
 #include "frame_buffer.hpp"
 #include "frame_builder.hpp"
 #include "frame_synchroniser.hpp"
+#include "lidar_camera_recalibration/drift_monitor.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/objective.hpp"
 #include "repeat_filter.hpp"
@@ -36,8 +37,12 @@ class FramePipeline {
   bool hasReady() const { return !ready_.empty(); }
 
   void clearCaches();
-  void clearFrames() { buffer_.clear(); }
+  void clearFrames();
   const FrameBuffer& buffer() const { return buffer_; }
+
+  /// What the newest frames say about the extrinsic in force; nothing before the first frame after a change
+  /// of it.
+  DriftVerdict drift() const;
 
   /// The overlay shows the extrinsic before and after a result if the parameters want that.
   void setComparison(const Eigen::Isometry3d& start) { comparison_start_ = start; }
@@ -75,6 +80,7 @@ class FramePipeline {
   FrameSynchroniser synchroniser_;
   FrameBuffer buffer_;
   std::unique_ptr<Objective> objective_;
+  DriftMonitor drift_monitor_;
   RepeatFilter repeat_filter_;
   std::deque<FrameMessages> ready_;
 

@@ -26,6 +26,7 @@ NodeInterface::NodeInterface(const ros::NodeHandle& node, const ros::NodeHandle&
   diagnostics_.setHardwareID("none");
   diagnostics_.add("inputs", this, &NodeInterface::diagnoseInputs);
   diagnostics_.add("recalibration", this, &NodeInterface::diagnoseRecalibration);
+  diagnostics_.add("drift", this, &NodeInterface::diagnoseDrift);
   try {
     start();
   } catch (const Error& e) {
@@ -264,6 +265,15 @@ void NodeInterface::diagnoseRecalibration(DiagnosticStatusWrapper& status) {
     status.summary(DiagnosticStatus::WARN, "last result " + last_result_);
   else
     status.summary(DiagnosticStatus::OK, state.text);
+}
+
+void NodeInterface::diagnoseDrift(DiagnosticStatusWrapper& status) {
+  if (!isWorking()) return status.summary(DiagnosticStatus::ERROR, "not started: " + parameter_error_);
+  const RecalibrationState state = server_->state();
+  status.summary(state.drift_state == CalibrationScore::DRIFT_OFF        ? DiagnosticStatus::ERROR
+                 : state.drift_state == CalibrationScore::DRIFT_DOUBTFUL ? DiagnosticStatus::WARN
+                                                                         : DiagnosticStatus::OK,
+                 state.drift);
 }
 
 }  // namespace lidar_camera_recalibration

@@ -55,6 +55,7 @@ class NodeInterface {
   void onTimer(const ros::WallTimerEvent& event);
   void diagnoseInputs(diagnostic_updater::DiagnosticStatusWrapper& status);
   void diagnoseRecalibration(diagnostic_updater::DiagnosticStatusWrapper& status);
+  void diagnoseDrift(diagnostic_updater::DiagnosticStatusWrapper& status);
 
   ros::NodeHandle node_, private_node_;
   const std::string name_;

@@ -11,6 +11,7 @@
 
 #include "frame_synchroniser.hpp"
 #include "lidar_camera_recalibration/calibrator.hpp"
+#include "lidar_camera_recalibration/drift_monitor.hpp"
 #include "lidar_camera_recalibration/frame.hpp"
 #include "lidar_camera_recalibration/overlay.hpp"
 
@@ -47,6 +48,8 @@ struct ServerConfig {
   // Search and gate
   CalibratorConfig calibrator;
   double service_timeout = 300.0;  ///< of ~recalibrate with wait [s]
+
+  DriftConfig monitor;
 
   // Outputs
   std::string tf_child_frame;  ///< empty: <camera frame>_recalibrated
