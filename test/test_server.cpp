@@ -11,6 +11,7 @@
 #include <fstream>
 #include <functional>
 #include <mutex>
+#include <random>
 #include <string>
 #include <thread>
 #include <vector>
@@ -717,6 +718,132 @@ TEST_F(BadInput, CompressedImagesAndMasks) {
   EXPECT_TRUE(contains(state.text, "neither PNG nor JPEG")) << state.text;
 }
 
+// --- mode automatic ---
+
+ServerConfig automaticConfig(const std::string& result_file) {
+  ServerConfig config = quickConfig();
+  config.mode = "automatic";
+  config.automatic_min_interval = 20.0;
+  config.monitor.window = 3;
+  config.frames_min = 3;
+  config.result_file = result_file;
+  return config;
+}
+
+TEST(Automatic, ADriftIsNoticedCorrectedSavedAndRestored) {
+  const std::string file = temporaryFile("automatic.yaml");
+  Rig rig(automaticConfig(file));
+  unsigned frame = 0;
+  const auto drive = [&](unsigned count) {
+    for (unsigned i = 0; i < count; ++i, ++frame)
+      rig.add(syntheticMessages(1 + frame % 12, ros::Time(101 + frame)));
+  };
+  drive(4);
+  EXPECT_TRUE(rig.results().empty()) << "a full window that says so three times is asked for";
+  drive(4);
+  ASSERT_EQ(rig.results().size(), 1u) << rig.server->state().drift;
+  EXPECT_TRUE(rig.results()[0].accepted) << rig.results()[0].reason;
+  const Eigen::Isometry3d found = tf2::transformToEigen(rig.results()[0].transform);
+  EXPECT_LT(extrinsicError(found, SyntheticScene::T_camera_lidar()).angle(), 0.3 * kDegree);
+  ASSERT_EQ(rig.transforms().size(), 2u);
+  EXPECT_TRUE(tf2::transformToEigen(rig.transforms()[1]).isApprox(found.inverse(), 1e-9));
+  EXPECT_TRUE(readCalibration(file).T_camera_lidar.isApprox(found, 1e-9)) << "the guess of the next start";
+
+  drive(40);
+  EXPECT_EQ(rig.results().size(), 1u) << "the extrinsic fits now: " << rig.server->state().drift;
+
+  std::string message;
+  ASSERT_TRUE(rig.server->restore(message)) << message;
+  rig.server->waitUntilIdle();
+  EXPECT_TRUE(tf2::transformToEigen(rig.transforms().back()).isApprox(wrongGuess().inverse(), 1e-9));
+  EXPECT_TRUE(readCalibration(file).T_camera_lidar.isApprox(wrongGuess(), 1e-9));
+  drive(40);
+  EXPECT_EQ(rig.results().size(), 1u) << "whoever restores knows better";
+  std::remove(file.c_str());
+}
+
+TEST(Automatic, RejectedResultsChangeNothingAndAreNotRepeatedAtOnce) {
+  ServerConfig config = automaticConfig("");
+  config.calibrator.gate.min_gain = 0.9;
+  Rig rig(config);
+  for (unsigned frame = 0; frame < 55; ++frame)
+    rig.add(syntheticMessages(1 + frame % 12, ros::Time(101 + frame)));
+  // After 5 frames, 20 s later; the next one would be 40 s later.
+  ASSERT_EQ(rig.results().size(), 2u);
+  EXPECT_FALSE(rig.results()[0].accepted);
+  EXPECT_EQ(rig.transforms().size(), 1u) << "that of the start";
+}
+
+TEST(Automatic, TheOtherModesOnlyWatch) {
+  for (const char* mode : {"manual", "monitor"}) {
+    ServerConfig config = automaticConfig("");
+    config.mode = mode;
+    Rig rig(config);
+    rig.addFrames(10);
+    EXPECT_TRUE(rig.results().empty()) << mode;
+    EXPECT_EQ(rig.server->state().state, RecalibrationState::IDLE) << mode;
+  }
+}
+
+// --- frames that are worth keeping ---
+
+TEST(Selection, StandingAtATrafficLightDoesNotFillTheBuffer) {
+  Rig rig(quickConfig());
+  rig.addFrames(2);
+  for (int i = 0; i < 30; ++i) rig.add(syntheticMessages(2, ros::Time(110 + i)));
+  EXPECT_EQ(rig.server->state().frames, 2u);
+  EXPECT_TRUE(contains(rig.scores().back().reason, "view differs")) << rig.scores().back().reason;
+  EXPECT_TRUE(std::isfinite(rig.scores().back().score)) << "it is scored all the same";
+  rig.add(syntheticMessages(3, ros::Time(150)));
+  EXPECT_EQ(rig.server->state().frames, 3u);
+}
+
+FramePtr frameOf(const PointCloud& cloud, unsigned seed) {
+  const SyntheticScene scene(seed);
+  FrameConfig config;
+  config.features.normal_neighbours = 10;
+  const Camera camera = SyntheticScene::camera();
+  return makeFrame(0.0, camera, cv::Mat(), {scene.labels(camera)}, cloud, SyntheticScene::T_camera_lidar(),
+                   config);
+}
+
+TEST(Selection, OfTheTwoMostAlikeTheOlderLeaves) {
+  ServerConfig config = quickConfig();
+  config.frames_max = 3;
+  config.frames_min_view_change = 0.0;
+  FrameBuffer buffer(config);
+  const auto add = [&](unsigned seed, double stamp) {
+    EXPECT_EQ(buffer.add(frameOf(SyntheticScene(seed).cloud(), seed), ros::Time(stamp), 0.0), "");
+  };
+  add(1, 101.0);
+  add(2, 102.0);
+  add(3, 103.0);
+  const Frames before = buffer.frames();
+  add(2, 104.0);
+  const Frames after = buffer.frames();
+  ASSERT_EQ(after.size(), 3u);
+  EXPECT_EQ(after[0], before[0]) << "the oldest one shows what no other one does";
+  EXPECT_EQ(after[1], before[2]);
+  EXPECT_EQ(buffer.newestStamp(), ros::Time(104.0));
+  buffer.dropOlderThan(ros::Time(103.0));
+  EXPECT_EQ(buffer.size(), 2u);
+  buffer.dropOlderThan(ros::Time(200.0));
+  EXPECT_EQ(buffer.size(), 0u);
+  EXPECT_EQ(buffer.bytes(), 0u);
+}
+
+TEST(Selection, NoiseIsNoNewView) {
+  const SyntheticScene scene(1);
+  PointCloud cloud = scene.cloud(), other_turn = cloud;
+  std::mt19937 random(3);
+  std::normal_distribution<float> noise(0.0F, 0.02F);
+  for (Eigen::Vector3f& point : other_turn.points) point *= 1.0F + noise(random) / point.norm();
+  const FrameView view(*frameOf(cloud, 1));
+  EXPECT_EQ(view.changeFrom(view), 0.0);
+  EXPECT_LT(FrameView(*frameOf(other_turn, 1)).changeFrom(view), 0.01);
+  EXPECT_GT(FrameView(*frameOf(SyntheticScene(2).cloud(), 2)).changeFrom(view), 0.1);
+}
+
 // --- a vehicle in motion ---
 
 /// 12 m/s in a bend, 8 deg/s.
@@ -782,6 +909,20 @@ TEST(Motion, WithTheFixedFrameAMovingCloudScoresLikeAStandingOne) {
   EXPECT_NEAR(scoreOf(moving, "odom"), best, 0.01 * best);
   EXPECT_LT(scoreOf(moving, ""), 0.9 * best);
   EXPECT_LT(scoreOf(moving, "odom", false), 0.995 * best) << "moved as a whole, but still skewed";
+}
+
+TEST(Motion, FramesOfAFastTurnAreNotKept) {
+  for (const double limit : {7.5, 8.5}) {
+    ServerConfig config = quickConfig();
+    config.fixed_frame = "odom";
+    config.frames_max_turn_rate_deg = limit;
+    Rig rig(config);
+    addOdometry(rig.tf, 99.0, 102.0);
+    rig.add(movingMessages(1, 101.0, 101.0));
+    ASSERT_EQ(rig.scores().size(), 1u);
+    EXPECT_EQ(rig.scores()[0].used, limit > 8.0);
+    EXPECT_EQ(contains(rig.scores()[0].reason, "8.0 deg/s"), limit < 8.0) << rig.scores()[0].reason;
+  }
 }
 
 TEST(Motion, AFrameThatTfDoesNotCoverIsRefused) {

@@ -55,7 +55,7 @@ class TemporaryFile {
 
 TEST(ServerConfig, withoutParametersItIsTheDefaults) {
   const ServerConfig config = readWith({});
-  EXPECT_EQ("on_request", config.mode);
+  EXPECT_EQ("manual", config.mode);
   EXPECT_EQ(SynchroniserConfig().max_bytes, config.synchroniser.max_bytes);
   EXPECT_EQ(5, config.frames_min);
   EXPECT_FALSE(config.initial_T_camera_lidar);
@@ -113,6 +113,8 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
       {"intensity_field", "remission"},
       {"camera_frame", "cam"},
       {"lidar_frame", "os"},
+      {"mode", "automatic"},
+      {"automatic/min_interval", 7.0},
       {"fixed_frame", "odom"},
       {"deskew", false},
       {"sync/max_stamp_gap", 0.02},
@@ -279,8 +281,9 @@ TEST(ServerConfig, whatMustFitTogether) {
 }
 
 TEST(ServerConfig, otherModesAreRefusedInWords) {
-  expectRefused("mode", "automatic", {"automatic", "only searches on request"});
-  expectRefused("mode", "monitor", {"monitor", "only searches on request"});
+  for (const char* mode : {"manual", "monitor", "automatic"})
+    EXPECT_EQ(mode, readWith({{"mode", mode}}).mode);
+  expectRefused("mode", "autonomous", {"autonomous", "\"automatic\""});
 }
 
 XmlRpcValue listOf(const std::vector<double>& numbers) {

@@ -38,11 +38,14 @@ class FramePipeline {
 
   void clearCaches();
   void clearFrames();
+  void dropFramesOlderThan(const ros::Time& stamp) { buffer_.dropOlderThan(stamp); }
   const FrameBuffer& buffer() const { return buffer_; }
 
   /// What the newest frames say about the extrinsic in force; nothing before the first frame after a change
   /// of it.
   DriftVerdict drift() const;
+  /// Of the image that was scored last; zero before the first one.
+  ros::Time newestStamp() const { return newest_ ? newest_->image_header.stamp : ros::Time(); }
 
   /// The overlay shows the extrinsic before and after a result if the parameters want that.
   void setComparison(const Eigen::Isometry3d& start) { comparison_start_ = start; }

@@ -179,7 +179,8 @@ std::string initialExtrinsicText(const ServerConfig& config) {
 
 std::vector<Parameter> inputParameters() {
   return {
-      choice("mode", {"on_request"}, " (this release only searches on request)", MEMBER(mode), sameWord),
+      choice("mode", {"manual", "monitor", "automatic"}, "", MEMBER(mode), sameWord),
+      number("automatic/min_interval", 0.0, 86400.0, MEMBER(automatic_min_interval)),
       flag("image_rectified", MEMBER(image_rectified)),
       flag("compressed", MEMBER(compressed)),
       string("intensity_field", "the name of a point field or \"\"", MEMBER(intensity_field)),

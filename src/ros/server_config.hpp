@@ -20,7 +20,8 @@ namespace lidar_camera_recalibration {
 /// All that the server can be told. config/recalibration.yaml explains every member; the defaults are here
 /// and in the core's structs.
 struct ServerConfig {
-  std::string mode = "on_request";
+  std::string mode = "manual";
+  double automatic_min_interval = 60.0;  ///< between two searches that a drift starts [s]
 
   // Inputs
   SynchroniserConfig synchroniser;

@@ -42,7 +42,7 @@ using Bags = std::vector<std::unique_ptr<rosbag::Bag>>;
 
 ServerConfig serverConfig(const Options& options) {
   ServerConfig config = loadServerConfig(options.config, options.assignments);
-  config.mode = "on_request";
+  config.mode = "manual";
   // Masks may be recorded long after their images, and no vehicle needs the memory here.
   constexpr std::size_t kCacheBytes = 1024u * 1024 * 1024;
   config.synchroniser.max_bytes = std::max(config.synchroniser.max_bytes, kCacheBytes);
