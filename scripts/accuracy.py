@@ -138,8 +138,12 @@ class Bench:
             if bag not in self.asked:
                 call([program, bag, *drive])
             unfinished = self.work / (name + '.unfinished')
-            call([self.programs / 'calibrate_bag', bag, '--reference', bag.with_suffix('.truth.yaml'), '--json', unfinished,
-                  *command])
+            try:
+                call([self.programs / 'calibrate_bag', bag, '--reference', bag.with_suffix('.truth.yaml'), '--json',
+                      unfinished, *command])
+            except subprocess.CalledProcessError as error:
+                if error.returncode != 3:  # a rejected result, which counts as well
+                    raise
             kept = dict(json.loads(unfinished.read_text()), command=drive + command, commit=self.commit)
             result.write_text(json.dumps(kept, indent=1) + '\n')
             unfinished.unlink()
@@ -426,7 +430,7 @@ def kind_of(reason):
 
 def motion_section(bench):
     lines = ['| cloud after the image | clouds | rotation [deg], each drive | translation [cm], each drive '
-             '| mean | score |', 6 * '|---' + '|']
+             '| mean | score | accepted |', 7 * '|---' + '|']
     commits = set()
     for delay in MOTION_DELAYS:
         for label, frame in (('taken as they are', ''), ('deskewed and moved to the image (`fixed_frame`)', 'odom')):
@@ -434,10 +438,11 @@ def motion_section(bench):
             commits |= {result['commit'] for result in results}
             turns = [result['rotation_error_after_deg'] for result in results]
             shifts = [100 * result['translation_error_after_m'] for result in results]
-            lines.append('| {:.0f} ms | {} | {} | {} | {:.3f}° / {:.1f} cm | {:.3f} |'.format(
+            lines.append('| {:.0f} ms | {} | {} | {} | {:.3f}° / {:.1f} cm | {:.3f} | {} of {} |'.format(
                 1000 * delay, label, ', '.join('{:.3f}'.format(turn) for turn in turns),
                 ', '.join('{:.1f}'.format(shift) for shift in shifts), sum(turns) / len(turns),
-                sum(shifts) / len(shifts), sum(result['score_after'] for result in results) / len(results)))
+                sum(shifts) / len(shifts), sum(result['score_after'] for result in results) / len(results),
+                sum(result['accepted'] for result in results), len(results)))
     return '\n'.join(lines + ['\n*Drives with seeds {}; measured at {}.*'.format(
         ', '.join(str(seed) for seed in MOTION_SEEDS), ', '.join(sorted(commits)))])
 
