@@ -42,7 +42,7 @@ std::vector<Eigen::Isometry3d> makePattern(const DriftConfig& config) {
 /// Logistic model, fitted by scripts/fit_drift_monitor.py (see there) on the even frames of kitti_00 and of a
 /// simulated drive (seed 5), for the default tolerances.
 double probabilityOf(double statistic, std::size_t frames) {
-  constexpr double kIntercept = -2.05, kSlope = 25.2, kSlopeOfFew = -8.0;
+  constexpr double kIntercept = -1.81, kSlope = 21.9, kSlopeOfFew = -7.1;
   const double slope = kSlope + kSlopeOfFew / std::sqrt(static_cast<double>(frames));
   return 1.0 / (1.0 + std::exp(-kIntercept - slope * statistic));
 }
