@@ -61,6 +61,14 @@ AXES = {'rx': 'pitch (about x)', 'ry': 'yaw (about y)', 'rz': 'roll (about z)',
 
 START_TEXT = {'E1': '±1°, ±5 cm', 'E2': '±2.5°, ±10 cm', 'E3': '±5°, ±20 cm'}
 
+# Masks by sam_masks: label, name, parameters, methods that are measured with them.
+MASKS = [
+    ('onnx (MobileSAM)', 'onnx', {'backend': 'onnx', 'threads': 1}, [METHOD, PAPER]),
+    ('graph', 'graph', {'backend': 'graph', 'threads': 1}, [METHOD, PAPER]),
+    ('onnx, no attend_padding', 'onnx_crop', {'backend': 'onnx', 'threads': 1, 'onnx/attend_padding': 'false'}, [METHOD]),
+    ('onnx, skip_covered', 'onnx_skip', {'backend': 'onnx', 'threads': 1, 'automatic/skip_covered': 'true'}, [METHOD]),
+]
+
 
 # --- running ---------------------------------------------------------------------------------------------------------
 
@@ -97,6 +105,28 @@ class Bench:
             call([program, '--dataset', folder, *command])
             record.write_text(' '.join(command) + '\n')
         self.asked.add(name)
+        return folder
+
+    def masked(self, name, settings):
+        """kitti_00 with masks made anew for the frames at odd positions."""
+        source, folder = self.real('kitti_00'), self.work / ('kitti_00_' + name)
+        if settings['backend'] == 'onnx' and not (self.arguments.sam / 'decoder.onnx').is_file():
+            raise Missing("{}: there is no model; call './bootstrap sam'".format(self.arguments.sam))
+        words = ['{}={}'.format(key, value) for key, value in settings.items()]
+        record, masks = self.work / (folder.name + '.command'), folder / 'masks'
+        fresh = self.arguments.fresh and folder.name not in self.asked
+        if fresh or not record.exists() or record.read_text().split() != words:
+            forget(record)
+            shutil.rmtree(str(folder), ignore_errors=True)
+            masks.mkdir(parents=True)
+            for part in source.iterdir():
+                if part.name != 'masks':
+                    (folder / part.name).symlink_to(part.resolve())
+            names = sorted(path.stem for path in (source / 'images').iterdir())[1::2]
+            call([self.programs / 'make_masks', folder / 'images', masks, '--home', self.arguments.sam, '--set', 'nice=0',
+                  *[word for setting in words for word in ('--set', setting)], '--only', *names])
+            record.write_text(' '.join(words) + '\n')
+        self.asked.add(folder.name)
         return folder
 
     def run(self, name, dataset, methods, trials, frames=None, starts=('E2',), extra=()):
@@ -447,6 +477,38 @@ def motion_section(bench):
         ', '.join(str(seed) for seed in MOTION_SEEDS), ', '.join(sorted(commits)))])
 
 
+def masks_section(bench):
+    """The same trials with the delivered masks and with those of each backend."""
+    sys.path.insert(0, str(PACKAGE / 'python'))
+    from sam_masks.mask_files import read_masks
+    from sam_masks.masks import agreement
+    made, rows, results = [], [], [kitti_method(bench, 'E2'), kitti_paper(bench, 'E2')]
+    rows += [(results[0][METHOD, 5, 'E2'], '{}, delivered'.format(METHOD)),
+             (results[1][PAPER, 5, 'E2'], '{}, delivered'.format(PAPER))]
+    delivered = bench.real('kitti_00') / 'masks'
+    for label, name, settings, methods in MASKS:
+        dataset = bench.masked(name, settings)
+        for method in methods:
+            trials = 3 if method == PAPER else 20  # as for the delivered masks
+            results.append(bench.run('masks_{}-{}'.format(name, method), dataset, [method], trials, frames=[5],
+                                     starts=['E2'], extra=ODD))
+            rows.append((results[-1][method, 5, 'E2'], '{}, {}'.format(method, label)))
+        with (dataset / 'masks' / 'make_masks.csv').open() as table_file:
+            images = list(csv.reader(table_file))
+        found, known = [], []
+        for image in images:
+            theirs, ours = (read_masks(folder / image[0])[0] for folder in (delivered, dataset / 'masks'))
+            found.append(agreement(theirs, ours))
+            known.append(agreement(ours, theirs))
+        count, covered, seconds = (sum(float(image[i]) for image in images) / len(images) for i in (1, 2, 3))
+        made.append('| {} | {:.0f} | {:.0f} % | {:.2f} | {:.2f} | {:.1f} |'.format(
+            label, count, 100 * covered, sum(found) / len(found), sum(known) / len(known), seconds))
+    lines = ['| masks by | masks an image | of the image covered | delivered masks found | masks known to the delivered '
+             '| CPU an image [s] |', 6 * '|---' + '|'] + made + ['']
+    rows.sort(key=lambda row: row[0]['method'] == PAPER)  # stable: the order of the backends
+    return '\n'.join(lines) + '\n' + table(rows, *results)
+
+
 # --- the bars --------------------------------------------------------------------------------------------------------
 
 class Bar:
@@ -584,7 +646,8 @@ SECTIONS = collections.OrderedDict([
     ('bars', bars_section), ('methods', methods_section), ('frames', frames_section), ('beams', beams_section),
     ('rings', rings_section), ('halves', halves_section), ('ablation', ablation_section),
     ('offset', offset_section), ('covariance', covariance_section), ('basin', basin_section),
-    ('slices', slices_section), ('motion', motion_section), ('others', others_section)])
+    ('slices', slices_section), ('masks', masks_section), ('motion', motion_section),
+    ('others', others_section)])
 
 
 def main():
@@ -597,6 +660,8 @@ def main():
                         help='folder of kitti_00, kitti_0926 and pandar64_a (default: %(default)s)')
     parser.add_argument('--work', type=pathlib.Path, default=PACKAGE / 'build' / 'accuracy',
                         help='folder for raw results and simulated drives (default: %(default)s)')
+    parser.add_argument('--sam', type=pathlib.Path, default=PACKAGE / 'build' / 'sam',
+                        help="what './bootstrap sam' made, for section masks (default: %(default)s)")
     parser.add_argument('--programs', type=pathlib.Path, help='folder of evaluate and simulate_drive')
     parser.add_argument('--out', type=pathlib.Path, default=PACKAGE / 'doc' / 'accuracy.md',
                         help='the document; one that does not exist starts as a copy (default: %(default)s)')

@@ -37,14 +37,19 @@ def arguments():
     return parser.parse_args()
 
 
+def program(name):
+    """@return path of a program of the package"""
+    beside = os.path.join(os.path.dirname(os.path.realpath(sys.argv[0])), name)
+    if os.path.exists(beside):
+        return beside
+    return subprocess.check_output(["catkin_find", "--first-only", "--libexec", PACKAGE, name], text=True).strip()
+
+
 def simulate(folder, seed):
     """@return paths of bag and truth; kept from the last run unless the simulator is newer."""
     bag = os.path.join(folder, "drive_%d.bag" % seed)
     truth = os.path.splitext(bag)[0] + ".truth.yaml"
-    simulator = os.path.join(os.path.dirname(os.path.realpath(sys.argv[0])), "simulate_drive")
-    if not os.path.exists(simulator):
-        simulator = subprocess.check_output(["catkin_find", "--first-only", "--libexec", PACKAGE, "simulate_drive"],
-                                            text=True).strip()
+    simulator = program("simulate_drive")
     if os.path.exists(truth) and os.path.getmtime(truth) > os.path.getmtime(simulator):
         say("using the simulated drive of the last run: " + bag)
         return bag, truth
@@ -61,16 +66,15 @@ def free_port():
 
 
 class Launch:
-    """roslaunch of demo.launch with a master of its own; its output goes to a file."""
+    """roslaunch of a launch file of the package with a master of its own; its output goes to a file."""
 
-    def __init__(self, folder, bag, rviz):
+    def __init__(self, folder, file, **args):
         self.log = os.path.join(folder, "roslaunch.log")
         port = free_port()
         os.environ["ROS_MASTER_URI"] = "http://localhost:%d" % port
         with open(self.log, "w") as log:
             self.process = subprocess.Popen(
-                ["roslaunch", "-p", str(port), PACKAGE, "demo.launch", "bag:=" + os.path.abspath(bag),
-                 "rviz:=%s" % rviz, "loop:=%s" % rviz],
+                ["roslaunch", "-p", str(port), PACKAGE, file] + ["%s:=%s" % pair for pair in args.items()],
                 stdout=log, stderr=subprocess.STDOUT, start_new_session=True)
 
     def stop(self):
@@ -98,8 +102,8 @@ def error(matrix, truth):
     return math.degrees(math.acos(min(1.0, max(-1.0, cosine)))), float(numpy.linalg.norm(matrix[:3, 3] - truth[:3, 3]))
 
 
-def recalibrate(folder, launch):
-    """@return the CalibrationResult and the path of the overlay picture or None"""
+def recalibrate(folder, launch, timeout=300.0):
+    """@param timeout [s]  @return the CalibrationResult and the path of the overlay picture or None"""
     import cv2
     import rospy
     from cv_bridge import CvBridge
@@ -123,7 +127,7 @@ def recalibrate(folder, launch):
     rospy.wait_for_service(NODE + "/recalibrate", timeout=60)
     say("calling %s/recalibrate" % NODE)
     response = rospy.ServiceProxy(NODE + "/recalibrate", Recalibrate)(
-        min_frames=FRAMES_USED, wait=True, timeout=300.0)
+        min_frames=FRAMES_USED, wait=True, timeout=timeout)
     states.unregister()
     if sys.stderr.isatty():
         say("")  # ends the line of the progress
@@ -211,19 +215,16 @@ def stay(launch):
         say("ending the demo")
 
 
-def main():
-    args = arguments()
-    for number in (signal.SIGINT, signal.SIGTERM):  # also where the caller has them ignored, as shells do for `&`
-        signal.signal(number, signal.default_int_handler)
-    os.makedirs(args.out, exist_ok=True)
-    bag, truth = simulate(args.out, args.seed)
-    say("starting roslaunch %s demo.launch (its output: %s)" % (PACKAGE, os.path.join(args.out, "roslaunch.log")))
-    launch = Launch(args.out, bag, args.rviz)
+def follow(folder, launch, truth, timeout=300.0, then=None):
+    """Recalibrates in what was launched and tells how well.
+
+    @param timeout [s]; then: called with the launch after the report  @return exit status
+    """
     try:
-        result, picture = recalibrate(args.out, launch)
-        good = report(args.out, result, picture, truth)
-        if args.rviz:
-            stay(launch)
+        result, picture = recalibrate(folder, launch, timeout)
+        good = report(folder, result, picture, truth)
+        if then:
+            then(launch)
     except RuntimeError as failure:
         say("%s\nthe last lines of %s:" % (failure, launch.log))
         with open(launch.log) as log:
@@ -234,6 +235,21 @@ def main():
     finally:
         launch.stop()
     return 0 if good else 1
+
+
+def take_signals():
+    for number in (signal.SIGINT, signal.SIGTERM):  # also where the caller has them ignored, as shells do for `&`
+        signal.signal(number, signal.default_int_handler)
+
+
+def main():
+    args = arguments()
+    take_signals()
+    os.makedirs(args.out, exist_ok=True)
+    bag, truth = simulate(args.out, args.seed)
+    say("starting roslaunch %s demo.launch (its output: %s)" % (PACKAGE, os.path.join(args.out, "roslaunch.log")))
+    launch = Launch(args.out, "demo.launch", bag=os.path.abspath(bag), rviz=args.rviz, loop=args.rviz)
+    return follow(args.out, launch, truth, then=stay if args.rviz else None)
 
 
 if __name__ == "__main__":

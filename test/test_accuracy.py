@@ -150,6 +150,51 @@ class AccuracyTest(unittest.TestCase):
         self.assertIn('kitti_0926', run.stdout)
         self.assertIn('0.020 / 0.5', self.section('rings'))
 
+    def test_masks_need_a_model(self):
+        run = self.call('--only', 'masks', '--sam', str(self.root / 'nowhere'))
+        self.assertEqual(run.returncode, 1)
+        self.assertIn("call './bootstrap sam'", run.stdout)
+
+    def test_masks_are_made_once_and_compared(self):
+        try:
+            import cv2
+            import numpy
+        except ImportError:
+            self.skipTest('python3-opencv is not installed')
+        data = self.root / 'data' / 'kitti_00'
+        for name in 'abcd':
+            (data / 'masks' / name).mkdir(parents=True)
+            mask = numpy.zeros((10, 20), numpy.uint8)
+            mask[:, :10] = 255
+            cv2.imwrite(str(data / 'masks' / name / '000.png'), mask)
+        (data / 'images').mkdir()
+        for name in 'abcd':
+            (data / 'images' / (name + '.png')).touch()
+        (self.root / 'decoder.onnx').touch()
+        program = self.programs / 'make_masks'  # half of the delivered mask, for what it is asked
+        program.write_text("""#!/usr/bin/env python3
+import pathlib, shutil, sys
+import cv2, numpy
+out = pathlib.Path(sys.argv[2])
+mask = numpy.zeros((10, 20), numpy.uint8)
+mask[:, :5] = 255
+for name in sys.argv[sys.argv.index('--only') + 1:]:
+    (out / name).mkdir()
+    cv2.imwrite(str(out / name / '000.png'), mask)
+    with (out / 'make_masks.csv').open('a') as table:
+        table.write(name + ',1,0.25,2.5\\n')
+""".replace('#!/usr/bin/env python3', '#!' + sys.executable))
+        program.chmod(program.stat().st_mode | stat.S_IXUSR)
+        run = self.call('--only', 'masks', '--sam', str(self.root))
+        self.assertEqual(run.returncode, 0, run.stdout)
+        self.assertIn('| graph | 1 | 25 % | 0.50 | 0.50 | 2.5 |', self.section('masks'))
+        self.assertIn('| paper, graph | 5 |', self.section('masks'))
+        made = self.root / 'work' / 'kitti_00_graph'
+        self.assertEqual(sorted(path.name for path in (made / 'masks').iterdir()), ['b', 'd', 'make_masks.csv'])
+        self.assertTrue((made / 'images' / 'a.png').exists())
+        program.unlink()
+        self.assertEqual(self.call('--only', 'masks', '--sam', str(self.root)).returncode, 0)
+
     def test_failures_are_told(self):
         (self.programs / 'figures.json').unlink()
         run = self.call('--only', 'rings')

@@ -45,11 +45,14 @@ class DriftMonitor {
 
   void reset() { frames_.clear(); }
 
- private:
-  /// Of a frame: at the extrinsic itself, then at the places around it. Weighted like the frame.
+  /// Of a frame, weighted by its edges: at an extrinsic itself, then at the places around it.
   using Scores = std::vector<double>;
-  static DriftVerdict judge(const Scores& sums, std::size_t frames);
+  /// Empty if the evaluator cannot tell.
+  Scores score(const Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar) const;
+  /// What frames say together, all at the same extrinsic.
+  static DriftVerdict judge(const std::vector<Scores>& frames);
 
+ private:
   std::size_t window_;
   std::vector<Eigen::Isometry3d> pattern_;
   Eigen::Isometry3d T_camera_lidar_ = Eigen::Isometry3d::Identity();  ///< of frames_
