@@ -2,6 +2,8 @@
 
 #include <optional>
 
+#include "lidar_camera_recalibration/drift_monitor.hpp"
+
 namespace lidar_camera_recalibration {
 
 /// Mode `automatic`: when does a drift start a search? A pure function of probabilities, times and what
@@ -15,10 +17,10 @@ class AutomaticPolicy {
   explicit AutomaticPolicy(double min_interval) : min_interval_(min_interval), interval_(min_interval) {}
 
   /// After each frame that was judged.
-  /// @param probability  that the extrinsic is off by more than the tolerance, from a full window of frames
-  /// @param time         of the frame [s]
+  /// @param drift  what a full window of frames says: kOff confirms a drift, kFits ends it
+  /// @param time   of the frame [s]
   /// @return whether a search is to start
-  bool judge(double probability, double time);
+  bool judge(DriftVerdict::State drift, double time);
   /// A search has ended, whoever asked for it and whatever came out.
   void searchEnded();
   /// Somebody took a result back: he knows better, until the extrinsic is found to fit.

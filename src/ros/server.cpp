@@ -388,10 +388,11 @@ void RecalibrationServer::Impl::watchDrift() {
     if (std::exchange(restored_, false)) policy_.restored();
   }
   const ros::Time stamp = pipeline_.newestStamp();
-  const DriftVerdict drift = pipeline_.drift();
-  if (stamp == watched_stamp_ || drift.frames < static_cast<std::size_t>(config_.monitor.window)) return;
+  if (stamp == watched_stamp_) return;
   watched_stamp_ = stamp;
-  if (!policy_.judge(drift.probability, stamp.toSec())) return;
+  const DriftVerdict drift = pipeline_.drift();
+  if (drift.frames < static_cast<std::size_t>(config_.monitor.window)) return;
+  if (!policy_.judge(drift.state(), stamp.toSec())) return;
   const std::lock_guard<std::mutex> lock(mutex_);
   if (job_) return;  // somebody was faster
   ROS_WARN_STREAM_NAMED(name_, name_ << ": a search starts by itself: "
