@@ -86,6 +86,17 @@ TEST(RosInterface, Diagnostics) {
   EXPECT_TRUE(has_rate);
 }
 
+TEST(RosInterface, DiagnosticsTellOfDrift) {
+  const auto drift = [] { return rig->diagnostic("recalibration: drift"); };
+  EXPECT_TRUE(RosRig::eventually([&] { return contains(drift().message, "with a probability of"); }))
+      << drift().message;
+  const auto state = rig->state();
+  EXPECT_NE(state.drift_state, CalibrationScore::DRIFT_UNKNOWN);
+  EXPECT_EQ(drift().level == diagnostic_msgs::DiagnosticStatus::OK,
+            state.drift_state == CalibrationScore::DRIFT_FITS)
+      << drift().message;
+}
+
 TEST(RosInterface, PublishesTheGuessAsTransform) {
   tf2_ros::Buffer buffer;
   const tf2_ros::TransformListener listener(buffer);

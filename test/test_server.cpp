@@ -171,6 +171,39 @@ TEST(Server, ScoresAndKeepsFrames) {
   EXPECT_DOUBLE_EQ(score.stamp_gap, 0.0);
 }
 
+TEST(Server, TellsHowLikelyTheExtrinsicIsOff) {
+  Rig rig(quickConfig());
+  rig.addFrames(3);
+  ASSERT_EQ(rig.scores().size(), 3u);
+  const CalibrationScore score = rig.scores()[2];
+  EXPECT_GT(score.drift_probability, 0.5) << "the guess is wrong";
+  EXPECT_LE(score.drift_probability, 1.0);
+  EXPECT_GE(score.drift_probability_frame, 0.0);
+  EXPECT_LE(score.drift_probability_frame, 1.0);
+  EXPECT_EQ(score.drift_frames, 3u);
+  EXPECT_EQ(score.drift_state, CalibrationScore::DRIFT_OFF);
+  EXPECT_TRUE(contains(score.drift, "has drifted")) << score.drift;
+  EXPECT_EQ(rig.server->state().drift_state, CalibrationScore::DRIFT_OFF);
+  EXPECT_EQ(rig.server->state().drift, score.drift);
+
+  ASSERT_TRUE(rig.server->recalibrate(waiting()).result.accepted);
+  rig.server->waitUntilIdle();
+  EXPECT_EQ(rig.server->state().drift_state, CalibrationScore::DRIFT_UNKNOWN)
+      << "no frame yet under the new one";
+  rig.addFrames(1);
+  EXPECT_EQ(rig.scores().back().drift_frames, 1u);
+  EXPECT_LT(rig.scores().back().drift_probability, score.drift_probability);
+}
+
+TEST(Server, WithoutEdgesNothingIsKnownOfDrift) {
+  Rig rig(slowConfig());
+  rig.addFrames(1);
+  ASSERT_EQ(rig.scores().size(), 1u);
+  EXPECT_TRUE(std::isnan(rig.scores()[0].drift_probability));
+  EXPECT_EQ(rig.scores()[0].drift_frames, 0u);
+  EXPECT_EQ(rig.scores()[0].drift_state, CalibrationScore::DRIFT_UNKNOWN);
+}
+
 TEST(Server, PublishesTheTransformAsChildOfTheLidar) {
   Rig rig(quickConfig());
   rig.addFrames(2);

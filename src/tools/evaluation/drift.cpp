@@ -19,7 +19,8 @@ namespace lidar_camera_recalibration::evaluation {
 
 namespace {
 
-constexpr double kAngles[] = {0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.7, 1.0, 2.0, 4.0};  // [deg]
+constexpr double kAngles[] = {0.1,  0.15, 0.2, 0.25, 0.3, 0.35, 0.4,
+                              0.45, 0.5,  0.6, 0.7,  1.0, 2.0,  4.0};  // [deg]
 constexpr int kAxesOfAngle = 18;
 constexpr double kDistances[] = {0.03, 0.05, 0.07, 0.1, 0.15, 0.2};  // [m]
 // What the probability is fitted to: as often as not off by more than the default tolerances.
