@@ -113,6 +113,8 @@ TEST_F(DriftMonitorTest, BeginsAnewWhenTheExtrinsicChanges) {
   DriftMonitor monitor{DriftConfig()};
   monitor.add(*evaluator(0), moved);
   monitor.add(*evaluator(1), moved);
+  EXPECT_EQ(monitor.window(moved).state(), State::kUnknown) << "two frames are too few";
+  monitor.add(*evaluator(3), moved);
   EXPECT_EQ(monitor.window(moved).state(), State::kOff);
   EXPECT_EQ(monitor.window(truth()).state(), State::kUnknown)
       << "its frames were seen under another extrinsic";
@@ -128,7 +130,7 @@ TEST_F(DriftMonitorTest, OtherObjectivesCannotTell) {
   EXPECT_EQ(monitor.add(*evaluator(0, "paper"), truth()).state(), State::kUnknown);
   EXPECT_EQ(monitor.window(truth()).frames, 0u);
   EXPECT_EQ(describe(monitor.window(truth()), DriftConfig()),
-            "no frame has told yet whether the extrinsic fits");
+            "too few frames have told yet whether the extrinsic fits");
 }
 
 TEST(DriftMonitor, RefusesNonsense) {

@@ -161,6 +161,9 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
       {"gate/min_distinctness", 6.0},
       {"gate/max_rotation_sigma_deg", 0.4},
       {"gate/max_translation_sigma_m", 0.3},
+      {"monitor/rotation_tolerance", 0.4},
+      {"monitor/translation_tolerance", 0.06},
+      {"monitor/window", 12},
       {"service_timeout", 12.0},
       {"tf/publish", false},
       {"tf/child_frame", "cam2"},
@@ -200,6 +203,9 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
   EXPECT_DOUBLE_EQ(6.0, config.calibrator.gate.min_distinctness);
   EXPECT_DOUBLE_EQ(0.4, config.calibrator.gate.max_rotation_sigma_deg);
   EXPECT_DOUBLE_EQ(0.3, config.calibrator.gate.max_translation_sigma_m);
+  EXPECT_DOUBLE_EQ(0.4, config.monitor.rotation_tolerance_deg);
+  EXPECT_DOUBLE_EQ(0.06, config.monitor.translation_tolerance_m);
+  EXPECT_EQ(12, config.monitor.window);
   EXPECT_EQ("base", config.tf_correct_parent);
   EXPECT_EQ("mount", config.tf_correct_child);
   EXPECT_EQ(OverlayColor::kMask, config.overlay_color);
@@ -257,7 +263,7 @@ TEST(ServerConfig, boundsOfEveryNumber) {
     if (whole && max < 2e9) expectRefused(name, static_cast<int>(max) + 1, {allowed});
     if (!whole) expectRefused(name, max + 1e-6, {allowed});
   }
-  EXPECT_EQ(41, numbers);
+  EXPECT_EQ(44, numbers);
 }
 
 TEST(ServerConfig, whatMustFitTogether) {

@@ -15,6 +15,8 @@ namespace {
 // From 0.2 on there are no false alarms yet, and 0.5 deg or 10 cm sideways are always found; from 0.5 on it
 // is more likely than not (doc/accuracy.md, "Drift").
 constexpr double kDoubtful = 0.2, kOff = 0.5;
+// One frame alone raises false alarms in up to 10 % of cases.
+constexpr std::size_t kMinFrames = 3;
 
 /// Steps by twice and four times the tolerance, since the place two tolerances away is the better one when
 /// the truth is more than one away. On each axis, on slanted axes, and along what moves the image alike.
@@ -50,7 +52,7 @@ double probabilityOf(double statistic, std::size_t frames) {
 }  // namespace
 
 DriftVerdict::State DriftVerdict::state() const {
-  if (frames == 0) return State::kUnknown;
+  if (frames < kMinFrames) return State::kUnknown;
   return probability < kDoubtful ? State::kFits : probability < kOff ? State::kDoubtful : State::kOff;
 }
 
@@ -105,7 +107,8 @@ DriftVerdict DriftMonitor::judge(const std::vector<Scores>& frames) {
 
 std::string describe(const DriftVerdict& verdict, const DriftConfig& config) {
   const auto state = verdict.state();
-  if (state == DriftVerdict::State::kUnknown) return "no frame has told yet whether the extrinsic fits";
+  if (state == DriftVerdict::State::kUnknown)
+    return "too few frames have told yet whether the extrinsic fits";
   char text[200];
   std::snprintf(text, sizeof text,
                 "%s: off by more than %g deg or %g m with a probability of %.0f %% (%zu frames)",

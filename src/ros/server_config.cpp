@@ -244,7 +244,7 @@ std::vector<Parameter> searchParameters() {
       number("threads", 1, 256, MEMBER(calibrator.search.threads)),
       number("monitor/rotation_tolerance", 0.05, 1.0, MEMBER(monitor.rotation_tolerance_deg)),
       number("monitor/translation_tolerance", 0.01, 0.3, MEMBER(monitor.translation_tolerance_m)),
-      number("monitor/window", 1, 1000, MEMBER(monitor.window)),
+      number("monitor/window", 3, 1000, MEMBER(monitor.window)),
       number("gate/min_gain", 0.0, 1.0, MEMBER(calibrator.gate.min_gain)),
       number("gate/min_frame_agreement", 0.0, 1.0, MEMBER(calibrator.gate.min_frame_agreement)),
       number("gate/min_validity", 0.0, 1.0, MEMBER(calibrator.gate.min_validity)),
