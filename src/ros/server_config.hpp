@@ -40,7 +40,7 @@ struct ServerConfig {
   // Frames
   FrameConfig frame;
   int frames_min = 5;
-  int frames_max = 20;                     ///< of two that are alike the older one leaves
+  int frames_max = 15;                     ///< of two that are alike the older one leaves
   double frames_min_interval = 1.0;        ///< between the stamps of two kept frames [s]
   double frames_min_view_change = 0.1;     ///< share of the view, 0..1
   double frames_max_turn_rate_deg = 15.0;  ///< with fixed_frame [deg/s]
