@@ -144,6 +144,8 @@ class EdgeFinder {
       if (!features_.reflectivity.empty()) addReflectivitySteps(ring);
     }
     addRingGaps();
+    for (auto* column : {&edges_.x, &edges_.y, &edges_.z, &edges_.weight}) column->shrink_to_fit();
+    edges_.kind.shrink_to_fit();
     return std::move(edges_);
   }
 

@@ -16,7 +16,7 @@ namespace lidar_camera_recalibration {
 struct SynchroniserConfig {
   double max_stamp_gap = 0.06;                ///< between image and cloud [s]
   double mask_timeout = 60.0;                 ///< an image waits so long for its masks, in stamp time [s]
-  std::size_t max_bytes = 64u * 1024 * 1024;  ///< of all messages held
+  std::size_t max_bytes = 48u * 1024 * 1024;  ///< of all messages held
   std::size_t max_unmatched = 20;  ///< images, infos, clouds and masks each that wait for their partners
 };
 

@@ -37,7 +37,7 @@ struct ServerConfig {
   // Frames
   FrameConfig frame;
   int frames_min = 5;
-  int frames_max = 20;               ///< the oldest one leaves
+  int frames_max = 15;               ///< the oldest one leaves
   double frames_min_interval = 1.0;  ///< between the stamps of two kept frames [s]
   std::size_t frames_max_bytes = 512u * 1024 * 1024;
 
