@@ -527,7 +527,7 @@ def monitor_section(bench):
         rows = [row for row in fair if low <= row['probability'] < high]
         off = sum(row['rotation_deg'] > 0.3 or row['translation_m'] > 0.05 for row in rows)
         lines.append('| {:g} to {:g} | {} | {} |'.format(low, high, len(rows), percent(100 * off / len(rows)) if rows else ''))
-    lines.append('\n*{} windows of each offset; rotations about 18 random axes; alarm from a probability of {} on.*'.format(
+    lines.append('\n*{} windows of each offset; rotations both ways about x, y, z and about 12 random axes; alarm from a probability of {} on.*'.format(
         bench.arguments.trials or WINDOWS, ALARM))
     return '\n'.join(lines)
 
@@ -702,6 +702,8 @@ def plot_monitor(results, path):
                                                      ('sideways', 0.1, '10 cm sideways'))):
         chosen = [result for result in results if result[0] in ROC]
         for color, (label, rows) in zip(COLORS, chosen):
+            rows = [row for row in rows if row['offset'] == 'none'
+                    or row['offset'] == offset and abs(row['rotation_deg'] + row['translation_m'] - size) < 1e-6]
             for frames, style in ((1, ':'), (3, '--'), (10, '-')):
                 thresholds = sorted({row['probability'] for row in rows if row['frames'] == frames
                                      and row['offset'] == 'none'} | {0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.0})

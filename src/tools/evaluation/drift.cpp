@@ -48,8 +48,11 @@ std::vector<Offset> makeOffsets(std::mt19937_64& random) {
     offsets.push_back({name, xi});
   };
   for (const double angle : kAngles) {
-    for (int i = 0; i < kAxesOfAngle; ++i)
-      add("rotation", angle * kDegree * direction(), Eigen::Vector3d::Zero());
+    for (int i = 0; i < kAxesOfAngle; ++i) {  // both ways about x, y, z, then about random axes
+      const Eigen::Vector3d axis =
+          i < 6 ? Eigen::Vector3d((i % 2 == 0 ? 1.0 : -1.0) * Eigen::Vector3d::Unit(i / 2)) : direction();
+      add("rotation", angle * kDegree * axis, Eigen::Vector3d::Zero());
+    }
   }
   for (const double distance : kDistances) {
     for (const double side : {-1.0, 1.0})

@@ -12,8 +12,8 @@ namespace lidar_camera_recalibration::evaluation {
 
 /// What the drift monitor says about extrinsics that are off by a known amount, or not at all: of each, so
 /// many windows of random frames for each number of frames. Frames are prepared once, around the reference.
-/// CSV, a line for each window: offset (`none`, `rotation` by an exact angle about a random axis, `sideways`
-/// along x by an exact distance, or `random`), rotation [deg], translation [m], frames, statistic,
+/// CSV, a line for each window: offset (`none`, `rotation` by an exact angle about x, y, z and random axes,
+/// `sideways` along x by an exact distance, or `random`), rotation [deg], translation [m], frames, statistic,
 /// probability.
 /// @param frame_counts  more than there are means all
 /// @throw Error(kNotEnough) if no frame can be used
