@@ -52,6 +52,10 @@ STARTS = ['E1', 'E2', 'E3']
 BASIN = [3, 6, 9, 12]  # [deg]
 BEAMS = [64, 32, 16]
 SIMULATION = ['--frames', '25', '--rate', '0.05', '--seed', '11']  # 25 frames along 3.8 km of street
+# Drives with clouds as fired: 15 m/s, bends of up to 20 deg/s.
+MOTION = ['--raw', '--frames', '20', '--rate', '1', '--speed', '15', '--winding', '1.6', '--perturb', '2', '0.1']
+MOTION_SEEDS = [11, 12, 13]
+MOTION_DELAYS = [0, 0.05]  # of the cloud after its image [s]
 AXES = {'rx': 'pitch (about x)', 'ry': 'yaw (about y)', 'rz': 'roll (about z)',
         'tx': 'sideways (along x)', 'ty': 'vertical (along y)', 'tz': 'forward (along z)'}
 
@@ -148,6 +152,35 @@ class Bench:
         self.asked.add(name)
         return Cells(kept, table)
 
+    def calibrated(self, seed, delay, fixed_frame):
+        """What calibrate_bag says about a drive with clouds as fired."""
+        name = 'motion_{}_{}'.format(seed, delay)
+        bag, result = self.work / (name + '.bag'), self.work / '{}-{}.json'.format(name, fixed_frame or 'as_fired')
+        drive = [*MOTION, '--seed', str(seed), '--cloud-delay', str(delay)]
+        command = ['--set', 'fixed_frame=' + fixed_frame, '--set', 'frames/max_turn_rate_deg=360']
+        kept = read_json(result)
+        fresh = self.arguments.fresh and result not in self.asked
+        if fresh or kept.get('command') != drive + command:
+            program = self.programs / 'simulate_drive'
+            if not program.exists():
+                raise Missing('simulate_drive is not built: it needs Embree (libembree-dev)')
+            forget(result)
+            if bag not in self.asked:
+                call([program, bag, *drive])
+            unfinished = self.work / (name + '.unfinished')
+            try:
+                call([self.programs / 'calibrate_bag', bag, '--reference', bag.with_suffix('.truth.yaml'), '--json',
+                      unfinished, *command])
+            except subprocess.CalledProcessError as error:
+                if error.returncode != 3:  # a rejected result, which counts as well
+                    raise
+            kept = dict(json.loads(unfinished.read_text()), command=drive + command, commit=self.commit)
+            result.write_text(json.dumps(kept, indent=1) + '\n')
+            unfinished.unlink()
+            self.asked.add(bag)
+        self.asked.add(result)
+        return kept
+
     def slices(self, name, dataset, extra=()):
         table, record = self.work / (name + '.csv'), self.work / (name + '.json')
         command = [str(word) for word in [self.programs / 'evaluate', dataset, '--slices', table, '--method', PAPER,
@@ -160,6 +193,22 @@ class Bench:
         self.asked.add(name)
         with table.open() as stream:
             return list(csv.DictReader(stream))
+
+    def monitor(self, name, dataset, windows, frames, extra=()):
+        """Verdicts of the drift monitor on windows: rows of numbers, but `offset`."""
+        table, record = self.work / (name + '.csv'), self.work / (name + '.json')
+        command = [str(word) for word in [
+            self.programs / 'evaluate', dataset, '--monitor', table, '--method', METHOD, '--frames',
+            ','.join(str(count) for count in frames), '--trials', self.arguments.trials or windows, *extra]]
+        fresh = self.arguments.fresh and name not in self.asked
+        if fresh or read_json(record).get('command') != command[1:]:
+            forget(record)
+            call(command)
+            record.write_text(json.dumps({'command': command[1:], 'commit': self.commit}) + '\n')
+        self.asked.add(name)
+        with table.open() as stream:
+            return [{key: value if key == 'offset' else float(value) for key, value in row.items()}
+                    for row in csv.DictReader(stream)]
 
 
 class Cells:
@@ -415,6 +464,74 @@ def others_section(bench):
                      + [note(*results)])
 
 
+ALARM = 0.2  # of drift_probability; kDoubtful in drift_monitor.cpp
+WINDOWS = 200
+ROC = ('kitti_00, odd frames', 'kitti_0926', 'simulated drive, 64 beams', 'simulated drive, 16 beams')
+CALIBRATION = ('kitti_00, odd frames', 'kitti_0926', 'simulated drive, 64 beams')  # not fitted to
+
+
+def share(rows, frames, offset, size=0.0, threshold=ALARM):
+    """Of the windows with an alarm; `size` in deg or m."""
+    alarms = [row['probability'] >= threshold for row in rows if row['frames'] == frames and row['offset'] == offset
+              and abs(row['rotation_deg'] + row['translation_m'] - size) < 1e-6]
+    return sum(alarms) / len(alarms) if alarms else None
+
+
+def smallest_rotation(rows, frames, detected=0.95):
+    """From which on at least so many windows have an alarm."""
+    angles = sorted({round(row['rotation_deg'], 6) for row in rows if row['offset'] == 'rotation'}, reverse=True)
+    smallest = None
+    for angle in angles:
+        found = share(rows, frames, 'rotation', angle)
+        if found is None or found < detected:
+            break
+        smallest = angle
+    return smallest
+
+
+def monitor_section(bench):
+    frames = [1, 3, 10, 20]
+    data = [('kitti_00, odd frames', 'kitti_00_odd', bench.real('kitti_00'), ODD),
+            ('kitti_00, all frames', 'kitti_00', bench.real('kitti_00'), ()),
+            ('kitti_0926', 'kitti_0926', bench.real('kitti_0926'), ()),
+            ('pandar64_a', 'pandar64_a', bench.real('pandar64_a'), ())]
+    data += [('simulated drive, {} beams'.format(beams), 'simulation_{}'.format(beams), bench.simulated(beams), ())
+             for beams in BEAMS]
+    results = [(label, bench.monitor('monitor-' + name, dataset, WINDOWS, frames, extra))
+               for label, name, dataset, extra in data]
+    plot_monitor(results, bench.images / 'drift_roc.png')
+    lines = ['| data | frames | false alarms | highest probability without drift | 0.3° | 0.5° | 1° | 5 cm sideways '
+             '| 10 cm sideways | bars |', 10 * '|---' + '|']
+    percent = '{:.1f} %'.format
+    for label, rows in results:
+        for count in sorted({row['frames'] for row in rows}):
+            alarms = share(rows, count, 'none')
+            highest = max(row['probability'] for row in rows if row['offset'] == 'none' and row['frames'] == count)
+            found = [share(rows, count, offset, size) for offset, size in (
+                ('rotation', 0.3), ('rotation', 0.5), ('rotation', 1.0), ('sideways', 0.05), ('sideways', 0.1))]
+            met = alarms <= 0.01 and found[1] >= 0.98 and found[4] >= 0.98
+            verdict = ('met' if met else '**not met**') if count >= 10 or label == 'pandar64_a' else ''
+            lines.append('| ' + ' | '.join([label, '{:.0f}'.format(count), percent(100 * alarms),
+                                            '{:.2f}'.format(highest)] + [percent(100 * value) for value in found]
+                                           + [verdict]) + ' |')
+    lines += ['', '| data | smallest rotation that 95 % of the windows detect | frames |', 3 * '|---' + '|']
+    for label, rows in results:
+        count = max(row['frames'] for row in rows)
+        angle = smallest_rotation(rows, count)
+        lines.append('| {} | {} | {:.0f} |'.format(label, 'none' if angle is None else '{:g}°'.format(angle), count))
+    lines += ['', '| probability given | windows | of them off by more than the tolerance |', 3 * '|---' + '|']
+    fair = [row for label, rows in results if label in CALIBRATION for row in rows if row['offset'] == 'random'
+            and row['frames'] >= 3]
+    for low in (0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9):
+        high = min([edge for edge in (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 1.0) if edge > low])
+        rows = [row for row in fair if low <= row['probability'] < high]
+        off = sum(row['rotation_deg'] > 0.3 or row['translation_m'] > 0.05 for row in rows)
+        lines.append('| {:g} to {:g} | {} | {} |'.format(low, high, len(rows), percent(100 * off / len(rows)) if rows else ''))
+    lines.append('\n*{} windows of each offset; rotations both ways about x, y, z and about 12 random axes; alarm from a probability of {} on.*'.format(
+        bench.arguments.trials or WINDOWS, ALARM))
+    return '\n'.join(lines)
+
+
 def count_worse(trials, figure):
     return sum(trial['accepted'] == '1' and float(trial[figure]) > float(trial['start_' + figure]) for trial in trials)
 
@@ -423,6 +540,25 @@ def kind_of(reason):
     """A reason without its numbers, to count them."""
     words = [word for word in reason.replace('rejected: ', '').split() if not any(c.isdigit() for c in word)]
     return ' '.join(words)
+
+
+def motion_section(bench):
+    lines = ['| cloud after the image | clouds | rotation [deg], each drive | translation [cm], each drive '
+             '| mean | score | accepted |', 7 * '|---' + '|']
+    commits = set()
+    for delay in MOTION_DELAYS:
+        for label, frame in (('taken as they are', ''), ('deskewed and moved to the image (`fixed_frame`)', 'odom')):
+            results = [bench.calibrated(seed, delay, frame) for seed in MOTION_SEEDS]
+            commits |= {result['commit'] for result in results}
+            turns = [result['rotation_error_after_deg'] for result in results]
+            shifts = [100 * result['translation_error_after_m'] for result in results]
+            lines.append('| {:.0f} ms | {} | {} | {} | {:.3f}° / {:.1f} cm | {:.3f} | {} of {} |'.format(
+                1000 * delay, label, ', '.join('{:.3f}'.format(turn) for turn in turns),
+                ', '.join('{:.1f}'.format(shift) for shift in shifts), sum(turns) / len(turns),
+                sum(shifts) / len(shifts), sum(result['score_after'] for result in results) / len(results),
+                sum(result['accepted'] for result in results), len(results)))
+    return '\n'.join(lines + ['\n*Drives with seeds {}; measured at {}.*'.format(
+        ', '.join(str(seed) for seed in MOTION_SEEDS), ', '.join(sorted(commits)))])
 
 
 def masks_section(bench):
@@ -558,6 +694,32 @@ def plot_frames(curves, path):
     save(figure, path)
 
 
+def plot_monitor(results, path):
+    """Detection against false alarms, from every possible threshold, for one frame and for windows."""
+    plt = pyplot()
+    figure, panels = plt.subplots(1, 2, figsize=(9.5, 4.0), sharey=True)
+    for panel, (offset, size, title) in zip(panels, (('rotation', 0.5, 'rotation of 0.5°'),
+                                                     ('sideways', 0.1, '10 cm sideways'))):
+        chosen = [result for result in results if result[0] in ROC]
+        for color, (label, rows) in zip(COLORS, chosen):
+            rows = [row for row in rows if row['offset'] == 'none'
+                    or row['offset'] == offset and abs(row['rotation_deg'] + row['translation_m'] - size) < 1e-6]
+            for frames, style in ((1, ':'), (3, '--'), (10, '-')):
+                thresholds = sorted({row['probability'] for row in rows if row['frames'] == frames
+                                     and row['offset'] == 'none'} | {0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.0})
+                points = [(share(rows, frames, 'none', 0.0, t), share(rows, frames, offset, size, t)) for t in thresholds]
+                points = [(100 * x, 100 * y) for x, y in points if x is not None and y is not None]
+                panel.plot([x for x, _ in points], [y for _, y in points], style, color=color, drawstyle='steps-post',
+                           label='{}, {} frame{}'.format(label, frames, '' if frames == 1 else 's'))
+                if frames == 10:
+                    panel.plot(100 * share(rows, 10, 'none'), 100 * share(rows, 10, offset, size), 'o', color=color)
+        panel.set(xlabel='false alarms [%]', title=title, xlim=(-1, 40), ylim=(50, 101))
+    panels[0].set_ylabel('detected [%]')
+    panels[1].legend(fontsize=7, loc='lower right')
+    figure.tight_layout()
+    save(figure, path)
+
+
 def plot_slices(rows, path):
     """Each curve is stretched to 0..1 of its own slice: their levels differ, and the place of the top is the point."""
     plt = pyplot()
@@ -594,7 +756,8 @@ SECTIONS = collections.OrderedDict([
     ('bars', bars_section), ('methods', methods_section), ('frames', frames_section), ('beams', beams_section),
     ('rings', rings_section), ('halves', halves_section), ('ablation', ablation_section),
     ('offset', offset_section), ('covariance', covariance_section), ('basin', basin_section),
-    ('slices', slices_section), ('masks', masks_section), ('others', others_section)])
+    ('slices', slices_section), ('masks', masks_section), ('motion', motion_section), ('monitor', monitor_section),
+    ('others', others_section)])
 
 
 def main():

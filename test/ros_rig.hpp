@@ -18,7 +18,8 @@ namespace lidar_camera_recalibration {
 
 inline std::uint64_t imagesDropped(const RecalibrationState& state) {
   return state.dropped_unmatched + state.dropped_no_masks + state.dropped_invalid + state.dropped_poor +
-         state.dropped_no_extrinsic + state.dropped_memory + state.dropped_forgotten;
+         state.dropped_no_extrinsic + state.dropped_no_motion + state.dropped_memory +
+         state.dropped_forgotten;
 }
 
 inline bool addsUp(const RecalibrationState& state) {

@@ -297,7 +297,8 @@ void reportImages(const RecalibrationState& state, std::uint64_t published, std:
   const std::pair<const char*, std::uint64_t> causes[] = {
       {"unmatched", state.dropped_unmatched}, {"no masks", state.dropped_no_masks},
       {"invalid", state.dropped_invalid},     {"poor", state.dropped_poor},
-      {"memory", state.dropped_memory},       {"no extrinsic", state.dropped_no_extrinsic}};
+      {"memory", state.dropped_memory},       {"no extrinsic", state.dropped_no_extrinsic},
+      {"no motion", state.dropped_no_motion}};
   for (const auto& [cause, count] : causes)
     if (count > 0) report.row(std::string("    ") + cause, "%lu", number(count));
   report.row("masks of unknown images", "%lu", number(state.dropped_unknown_masks));

@@ -136,6 +136,75 @@ TEST(ToPointCloud, everyDatatypeForXyzAndIntensityInBothByteOrders) {
   }
 }
 
+// --- times of the points ---
+
+constexpr double kStamp = 1700000000.25;  // [s]
+
+/// Three points, taken at the stamp of the cloud plus these times [s].
+const std::vector<double> kTaken = {0.0, 0.03, 0.09};
+
+std::vector<float> timesOf(const std::string& field, std::uint8_t datatype, double unit, double zero,
+                           double stamp = kStamp, const std::vector<double>& taken = kTaken) {
+  Rows rows;
+  for (const double time : taken) rows.push_back({1.0, 2.0, 3.0, (zero + time) / unit});
+  PointCloud2 cloud = makeCloud(xyzAnd({{field, datatype}}), rows);
+  cloud.header.stamp = ros::Time(stamp);
+  return toPointCloud(cloud, "").time;
+}
+
+void expectTimes(const std::vector<float>& times, const std::string& what,
+                 const std::vector<double>& taken = kTaken) {
+  ASSERT_EQ(times.size(), taken.size()) << what;
+  for (std::size_t i = 0; i < taken.size(); ++i) EXPECT_NEAR(times[i], taken[i], 2e-6) << what;
+}
+
+TEST(PointTimes, ofTheUsualDriversInTheirUnits) {
+  expectTimes(timesOf("t", PointField::UINT32, 1e-9, 0.0), "Ouster");
+  expectTimes(timesOf("time", PointField::FLOAT32, 1.0, 0.0), "Velodyne");
+  expectTimes(timesOf("timestamp", PointField::FLOAT64, 1.0, kStamp), "Hesai, Robosense");
+  expectTimes(timesOf("timestamp", PointField::FLOAT64, 1.0, 0.0), "Robosense, relative");
+  expectTimes(timesOf("timestamp", PointField::FLOAT64, 1e-9, kStamp), "Livox");
+  expectTimes(timesOf("offset_time", PointField::UINT32, 1e-9, 0.0), "Livox, relative");
+  for (const char* field : {"timeStamp", "time_stamp", "time_offset", "stamps", "stamp"})
+    expectTimes(timesOf(field, PointField::FLOAT64, 1.0, kStamp), field);
+}
+
+TEST(PointTimes, everyUnitOffsetAndAbsolute) {
+  for (const double unit : {1.0, 1e-3, 1e-6, 1e-9}) {
+    for (const double zero : {0.0, kStamp}) {
+      const std::string what = std::to_string(unit) + " from " + std::to_string(zero);
+      expectTimes(timesOf("time", PointField::FLOAT64, unit, zero), what);
+      // The stamp may be that of the end, and a part of a turn may take a fiftieth of it.
+      const std::vector<double> before = {-0.1, -0.05, 0.0}, part = {0.02, 0.021, 0.0225};
+      expectTimes(timesOf("time", PointField::FLOAT64, unit, zero, kStamp, before), what, before);
+      expectTimes(timesOf("time", PointField::FLOAT64, unit, zero, kStamp, part), what, part);
+    }
+  }
+}
+
+TEST(PointTimes, followThePointsThatAreKept) {
+  const PointCloud2 cloud = makeCloud(xyzAnd({{"t", PointField::UINT32}}),
+                                      {{1, 2, 3, 0}, {kNan, 2, 3, 5e7}, {0, 0, 0, 6e7}, {4, 5, 6, 9e7}});
+  expectTimes(toPointCloud(cloud, "").time, "without the points that are none", {0.0, 0.09});
+}
+
+TEST(PointTimes, whatCannotBeTimesIsLeftOut) {
+  EXPECT_TRUE(toPointCloud(makeCloud(kXyz, {{1, 2, 3}, {4, 5, 6}}), "").time.empty()) << "no field";
+  EXPECT_TRUE(timesOf("time", PointField::FLOAT32, 1.0, 0.0, kStamp, {0.0, 0.0, 0.0}).empty())
+      << "not filled";
+  EXPECT_TRUE(timesOf("time", PointField::FLOAT64, 1.0, 0.0, kStamp, {0.0, kNan, 0.1}).empty());
+  EXPECT_TRUE(timesOf("timestamp", PointField::FLOAT32, 1.0, kStamp).empty())
+      << "single precision resolves 128 s here";
+  EXPECT_TRUE(timesOf("timestamp", PointField::FLOAT64, 1.0, kStamp - 37.0).empty()) << "another clock";
+  EXPECT_TRUE(timesOf("t", PointField::UINT32, 1e-9, 0.0, kStamp, {0.0, 1.2, 3.0}).empty())
+      << "no cloud takes 3 s";
+}
+
+TEST(PointTimes, aClockThatStartsAtZero) {
+  expectTimes(timesOf("time", PointField::FLOAT32, 1.0, 0.0, 0.5), "offsets");
+  expectTimes(timesOf("time", PointField::FLOAT64, 1.0, 20.0, 20.0), "absolute");
+}
+
 TEST(ToPointCloud, signsAndFractions) {
   const auto cloud = toPointCloud(makeCloud({{"x", PointField::INT16},
                                              {"y", PointField::FLOAT64},

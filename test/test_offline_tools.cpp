@@ -155,6 +155,34 @@ TEST_F(OfflineToolsTest, SimulatedDatasetIsTheSimulatedBag) {
   EXPECT_EQ(call("simulate_drive --dataset steps --step-time 1").status, 2);
 }
 
+TEST_F(OfflineToolsTest, CloudsOfAMovingVehicleNeedTheFixedFrame) {
+  NEEDS_SIMULATION;
+  const Finished drive = call(
+      "simulate_drive moving.bag --raw --cloud-delay 0.04 --speed 15 --winding 1.5 --frames 6 --rate 1 "
+      "--perturb 1 0.05 --seed 11");
+  ASSERT_EQ(drive.status, 0) << drive.output;
+  const auto error = [](const std::string& fixed_frame) {
+    const Finished run = call(
+        "calibrate_bag moving.bag --reference moving.truth.yaml --json moving.json --set "
+        "frames/max_turn_rate_deg=360 --set fixed_frame=" +
+        fixed_frame);
+    EXPECT_TRUE(run.status == 0 || run.status == 3) << run.output;
+    const YAML::Node summary = YAML::LoadFile(path("moving.json"));
+    return std::make_pair(summary["rotation_error_after_deg"].as<double>(),
+                          summary["translation_error_after_m"].as<double>());
+  };
+  const auto [angle, distance] = error("odom");
+  EXPECT_LT(angle, 0.1);
+  EXPECT_LT(distance, 0.03);
+  // Each cloud is seen from 60 cm further on than its image, and skewed.
+  EXPECT_GT(error("").second, 0.08);
+
+  const Finished unknown = call("calibrate_bag moving.bag --set fixed_frame=map");
+  EXPECT_EQ(unknown.status, 1) << unknown.output;
+  EXPECT_NE(unknown.output.find("6 without tf to the parameter fixed_frame"), std::string::npos)
+      << unknown.output;
+}
+
 TEST_F(OfflineToolsTest, WrongUseAndBadInput) {
   std::ofstream(path("no.bag")) << "no bag";
   for (const std::string tool : {"calibrate_bag", "check_bag", "dataset_to_bag", "evaluate"}) {

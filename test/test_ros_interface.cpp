@@ -86,6 +86,16 @@ TEST(RosInterface, Diagnostics) {
   EXPECT_TRUE(has_rate);
 }
 
+TEST(RosInterface, DiagnosticsTellOfDrift) {
+  const auto drift = [] { return rig->diagnostic("recalibration: drift"); };
+  EXPECT_TRUE(RosRig::eventually([&] {
+    const auto state = rig->state();
+    const bool fine = state.drift_state <= CalibrationScore::DRIFT_FITS;
+    return !state.drift.empty() && drift().message == state.drift &&
+           (drift().level == diagnostic_msgs::DiagnosticStatus::OK) == fine;
+  })) << drift().message;
+}
+
 TEST(RosInterface, PublishesTheGuessAsTransform) {
   tf2_ros::Buffer buffer;
   const tf2_ros::TransformListener listener(buffer);

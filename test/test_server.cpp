@@ -11,6 +11,7 @@
 #include <fstream>
 #include <functional>
 #include <mutex>
+#include <random>
 #include <string>
 #include <thread>
 #include <vector>
@@ -168,6 +169,39 @@ TEST(Server, ScoresAndKeepsFrames) {
   EXPECT_GT(score.points, 1000u);
   EXPECT_GT(score.masks, 5u);
   EXPECT_DOUBLE_EQ(score.stamp_gap, 0.0);
+}
+
+TEST(Server, TellsHowLikelyTheExtrinsicIsOff) {
+  Rig rig(quickConfig());
+  rig.addFrames(3);
+  ASSERT_EQ(rig.scores().size(), 3u);
+  const CalibrationScore score = rig.scores()[2];
+  EXPECT_GT(score.drift_probability, 0.5) << "the guess is wrong";
+  EXPECT_LE(score.drift_probability, 1.0);
+  EXPECT_GE(score.drift_probability_frame, 0.0);
+  EXPECT_LE(score.drift_probability_frame, 1.0);
+  EXPECT_EQ(score.drift_frames, 3u);
+  EXPECT_EQ(score.drift_state, CalibrationScore::DRIFT_OFF);
+  EXPECT_TRUE(contains(score.drift, "has drifted")) << score.drift;
+  EXPECT_EQ(rig.server->state().drift_state, CalibrationScore::DRIFT_OFF);
+  EXPECT_EQ(rig.server->state().drift, score.drift);
+
+  ASSERT_TRUE(rig.server->recalibrate(waiting()).result.accepted);
+  rig.server->waitUntilIdle();
+  EXPECT_EQ(rig.server->state().drift_state, CalibrationScore::DRIFT_UNKNOWN)
+      << "no frame yet under the new one";
+  rig.addFrames(1);
+  EXPECT_EQ(rig.scores().back().drift_frames, 1u);
+  EXPECT_LT(rig.scores().back().drift_probability, score.drift_probability);
+}
+
+TEST(Server, WithoutEdgesNothingIsKnownOfDrift) {
+  Rig rig(slowConfig());
+  rig.addFrames(1);
+  ASSERT_EQ(rig.scores().size(), 1u);
+  EXPECT_TRUE(std::isnan(rig.scores()[0].drift_probability));
+  EXPECT_EQ(rig.scores()[0].drift_frames, 0u);
+  EXPECT_EQ(rig.scores()[0].drift_state, CalibrationScore::DRIFT_UNKNOWN);
 }
 
 TEST(Server, PublishesTheTransformAsChildOfTheLidar) {
@@ -717,6 +751,231 @@ TEST_F(BadInput, CompressedImagesAndMasks) {
   EXPECT_TRUE(contains(state.text, "neither PNG nor JPEG")) << state.text;
 }
 
+// --- mode automatic ---
+
+ServerConfig automaticConfig(const std::string& result_file) {
+  ServerConfig config = quickConfig();
+  config.mode = "automatic";
+  config.automatic_min_interval = 20.0;
+  config.monitor.window = 3;
+  config.frames_min = 3;
+  config.result_file = result_file;
+  return config;
+}
+
+TEST(Automatic, ADriftIsNoticedCorrectedSavedAndRestored) {
+  const std::string file = temporaryFile("automatic.yaml");
+  Rig rig(automaticConfig(file));
+  unsigned frame = 0;
+  const auto drive = [&](unsigned count) {
+    for (unsigned i = 0; i < count; ++i, ++frame)
+      rig.add(syntheticMessages(1 + frame % 12, ros::Time(101 + frame)));
+  };
+  drive(4);
+  EXPECT_TRUE(rig.results().empty()) << "a full window that says so three times is asked for";
+  drive(4);
+  ASSERT_EQ(rig.results().size(), 1u) << rig.server->state().drift;
+  EXPECT_TRUE(rig.results()[0].accepted) << rig.results()[0].reason;
+  const Eigen::Isometry3d found = tf2::transformToEigen(rig.results()[0].transform);
+  EXPECT_LT(extrinsicError(found, SyntheticScene::T_camera_lidar()).angle(), 0.3 * kDegree);
+  ASSERT_EQ(rig.transforms().size(), 2u);
+  EXPECT_TRUE(tf2::transformToEigen(rig.transforms()[1]).isApprox(found.inverse(), 1e-9));
+  EXPECT_TRUE(readCalibration(file).T_camera_lidar.isApprox(found, 1e-9)) << "the guess of the next start";
+
+  drive(40);
+  EXPECT_EQ(rig.results().size(), 1u) << "the extrinsic fits now: " << rig.server->state().drift;
+
+  std::string message;
+  ASSERT_TRUE(rig.server->restore(message)) << message;
+  rig.server->waitUntilIdle();
+  EXPECT_TRUE(tf2::transformToEigen(rig.transforms().back()).isApprox(wrongGuess().inverse(), 1e-9));
+  EXPECT_TRUE(readCalibration(file).T_camera_lidar.isApprox(wrongGuess(), 1e-9));
+  drive(40);
+  EXPECT_EQ(rig.results().size(), 1u) << "whoever restores knows better";
+  std::remove(file.c_str());
+}
+
+TEST(Automatic, RejectedResultsChangeNothingAndAreNotRepeatedAtOnce) {
+  ServerConfig config = automaticConfig("");
+  config.calibrator.gate.min_gain = 0.9;
+  Rig rig(config);
+  for (unsigned frame = 0; frame < 55; ++frame)
+    rig.add(syntheticMessages(1 + frame % 12, ros::Time(101 + frame)));
+  // After 5 frames, 20 s later; the next one would be 40 s later.
+  ASSERT_EQ(rig.results().size(), 2u);
+  EXPECT_FALSE(rig.results()[0].accepted);
+  EXPECT_EQ(rig.transforms().size(), 1u) << "that of the start";
+}
+
+TEST(Automatic, TheOtherModesOnlyWatch) {
+  for (const char* mode : {"manual", "monitor"}) {
+    ServerConfig config = automaticConfig("");
+    config.mode = mode;
+    Rig rig(config);
+    rig.addFrames(10);
+    EXPECT_TRUE(rig.results().empty()) << mode;
+    EXPECT_EQ(rig.server->state().state, RecalibrationState::IDLE) << mode;
+  }
+}
+
+// --- frames that are worth keeping ---
+
+TEST(Selection, StandingAtATrafficLightDoesNotFillTheBuffer) {
+  Rig rig(quickConfig());
+  rig.addFrames(2);
+  for (int i = 0; i < 30; ++i) rig.add(syntheticMessages(2, ros::Time(110 + i)));
+  EXPECT_EQ(rig.server->state().frames, 2u);
+  EXPECT_TRUE(contains(rig.scores().back().reason, "view differs")) << rig.scores().back().reason;
+  EXPECT_TRUE(std::isfinite(rig.scores().back().score)) << "it is scored all the same";
+  rig.add(syntheticMessages(3, ros::Time(150)));
+  EXPECT_EQ(rig.server->state().frames, 3u);
+}
+
+FramePtr frameOf(const PointCloud& cloud, unsigned seed) {
+  const SyntheticScene scene(seed);
+  FrameConfig config;
+  config.features.normal_neighbours = 10;
+  const Camera camera = SyntheticScene::camera();
+  return makeFrame(0.0, camera, cv::Mat(), {scene.labels(camera)}, cloud, SyntheticScene::T_camera_lidar(),
+                   config);
+}
+
+TEST(Selection, OfTheTwoMostAlikeTheOlderLeaves) {
+  ServerConfig config = quickConfig();
+  config.frames_max = 3;
+  config.frames_min_view_change = 0.0;
+  FrameBuffer buffer(config);
+  const auto add = [&](unsigned seed, double stamp) {
+    EXPECT_EQ(buffer.add(frameOf(SyntheticScene(seed).cloud(), seed), ros::Time(stamp), 0.0), "");
+  };
+  add(1, 101.0);
+  add(2, 102.0);
+  add(3, 103.0);
+  const Frames before = buffer.frames();
+  add(2, 104.0);
+  const Frames after = buffer.frames();
+  ASSERT_EQ(after.size(), 3u);
+  EXPECT_EQ(after[0], before[0]) << "the oldest one shows what no other one does";
+  EXPECT_EQ(after[1], before[2]);
+  EXPECT_EQ(buffer.newestStamp(), ros::Time(104.0));
+  buffer.dropOlderThan(ros::Time(103.0));
+  EXPECT_EQ(buffer.size(), 2u);
+  buffer.dropOlderThan(ros::Time(200.0));
+  EXPECT_EQ(buffer.size(), 0u);
+  EXPECT_EQ(buffer.bytes(), 0u);
+}
+
+TEST(Selection, NoiseIsNoNewView) {
+  const SyntheticScene scene(1);
+  PointCloud cloud = scene.cloud(), other_turn = cloud;
+  std::mt19937 random(3);
+  std::normal_distribution<float> noise(0.0F, 0.02F);
+  for (Eigen::Vector3f& point : other_turn.points) point *= 1.0F + noise(random) / point.norm();
+  const FrameView view(*frameOf(cloud, 1));
+  EXPECT_EQ(view.changeFrom(view), 0.0);
+  EXPECT_LT(FrameView(*frameOf(other_turn, 1)).changeFrom(view), 0.01);
+  EXPECT_GT(FrameView(*frameOf(SyntheticScene(2).cloud(), 2)).changeFrom(view), 0.1);
+}
+
+// --- a vehicle in motion ---
+
+/// 12 m/s in a bend, 8 deg/s.
+Eigen::Isometry3d T_odom_lidar(double stamp) {
+  Vector6d twist;
+  twist << 0.0, 0.0, 8.0 * kDegree, 12.0, 0.0, 0.0;
+  return exp((stamp - 100.0) * twist);
+}
+
+void addOdometry(tf2::BufferCore& tf, double from, double to) {
+  for (double stamp = from; stamp <= to + 1e-6; stamp += 0.02) {
+    auto message = stampedTransform(T_odom_lidar(stamp), "odom", "lidar");
+    message.header.stamp = ros::Time(stamp);
+    tf.setTransform(message, "test");
+  }
+}
+
+/// The scene's points as a LiDAR fires them that turns once in 0.1 s around `middle`, while it moves.
+FrameMessages movingMessages(unsigned seed, double image_stamp, double middle) {
+  FrameMessages messages = syntheticMessages(seed, ros::Time(image_stamp));
+  sensor_msgs::PointCloud2 cloud;
+  cloud.header = messages.cloud->header;
+  cloud.header.stamp = ros::Time(middle);
+  sensor_msgs::PointCloud2Modifier modifier(cloud);
+  using sensor_msgs::PointField;
+  modifier.setPointCloud2Fields(5, "x", 1, PointField::FLOAT32, "y", 1, PointField::FLOAT32, "z", 1,
+                                PointField::FLOAT32, "intensity", 1, PointField::FLOAT32, "time", 1,
+                                PointField::FLOAT32);
+  modifier.resize(messages.cloud->width * messages.cloud->height);
+  sensor_msgs::PointCloud2ConstIterator<float> from(*messages.cloud, "x");
+  sensor_msgs::PointCloud2Iterator<float> to(cloud, "x");
+  for (; from != from.end(); ++from, ++to) {
+    const double time = 0.05 * std::atan2(from[1], from[0]) / M_PI;
+    const Eigen::Vector3d standing(from[0], from[1], from[2]);
+    const Eigen::Vector3d fired =
+        T_odom_lidar(middle + time).inverse() * T_odom_lidar(image_stamp) * standing;
+    for (int k = 0; k < 3; ++k) to[k] = static_cast<float>(fired[k]);
+    to[3] = from[3];
+    to[4] = static_cast<float>(time);
+  }
+  messages.cloud = boost::make_shared<sensor_msgs::PointCloud2>(cloud);
+  return messages;
+}
+
+double scoreOf(const FrameMessages& messages, const std::string& fixed_frame, bool deskew = true) {
+  ServerConfig config = quickConfig();
+  config.initial_T_camera_lidar = SyntheticScene::T_camera_lidar();
+  config.fixed_frame = fixed_frame;
+  config.deskew = deskew;
+  Rig rig(config);
+  addOdometry(rig.tf, 99.0, 102.0);
+  rig.send(messages);
+  rig.server->flush();  // the cloud is earlier than the image: a nearer one could come
+  rig.server->waitUntilIdle();
+  EXPECT_EQ(rig.scores().size(), 1u);
+  return rig.scores().empty() ? NAN : rig.scores()[0].score;
+}
+
+TEST(Motion, WithTheFixedFrameAMovingCloudScoresLikeAStandingOne) {
+  const FrameMessages standing = syntheticMessages(1, ros::Time(101)),
+                      moving = movingMessages(1, 101.0, 100.97);
+  const double best = scoreOf(standing, "");
+  EXPECT_NEAR(scoreOf(moving, "odom"), best, 0.01 * best);
+  EXPECT_LT(scoreOf(moving, ""), 0.9 * best);
+  EXPECT_LT(scoreOf(moving, "odom", false), 0.995 * best) << "moved as a whole, but still skewed";
+}
+
+TEST(Motion, FramesOfAFastTurnAreNotKept) {
+  for (const double limit : {7.5, 8.5}) {
+    ServerConfig config = quickConfig();
+    config.fixed_frame = "odom";
+    config.frames_max_turn_rate_deg = limit;
+    Rig rig(config);
+    addOdometry(rig.tf, 99.0, 102.0);
+    rig.add(movingMessages(1, 101.0, 101.0));
+    ASSERT_EQ(rig.scores().size(), 1u);
+    EXPECT_EQ(rig.scores()[0].used, limit > 8.0);
+    EXPECT_EQ(contains(rig.scores()[0].reason, "8.0 deg/s"), limit < 8.0) << rig.scores()[0].reason;
+  }
+}
+
+TEST(Motion, AFrameThatTfDoesNotCoverIsRefused) {
+  ServerConfig config = quickConfig();
+  config.fixed_frame = "odom";
+  Rig rig(config);
+  rig.add(movingMessages(1, 101.0, 101.0));
+  EXPECT_EQ(rig.server->state().dropped_no_motion, 1u);
+  addOdometry(rig.tf, 101.5, 102.01);
+  rig.add(movingMessages(2, 102.0, 102.0));  // the points in view are taken up to 102.02
+  EXPECT_EQ(rig.server->state().dropped_no_motion, 2u);
+  const auto scores = rig.scores();
+  ASSERT_EQ(scores.size(), 2u);
+  EXPECT_TRUE(contains(scores[0].reason, "fixed_frame") && contains(scores[0].reason, "odom"))
+      << scores[0].reason;
+  addOdometry(rig.tf, 102.05, 104.0);
+  rig.add(movingMessages(3, 103.0, 103.0));
+  EXPECT_EQ(rig.server->state().frames, 1u) << "it goes on as soon as tf is there";
+}
+
 TEST(Server, EveryImageIsAccountedForAtEveryMoment) {
   ServerConfig config = quickConfig();
   config.synchroniser.mask_timeout = 3.0;
@@ -744,8 +1003,8 @@ TEST(Server, EveryImageIsAccountedForAtEveryMoment) {
   rig.server->waitUntilIdle();
   const auto accounted = [](const RecalibrationState& state) {
     return state.scored + state.waiting + state.dropped_unmatched + state.dropped_no_masks +
-           state.dropped_invalid + state.dropped_poor + state.dropped_no_extrinsic + state.dropped_memory +
-           state.dropped_forgotten;
+           state.dropped_invalid + state.dropped_poor + state.dropped_no_extrinsic + state.dropped_no_motion +
+           state.dropped_memory + state.dropped_forgotten;
   };
   for (const RecalibrationState& state : rig.states()) EXPECT_EQ(state.images, accounted(state)) << state;
   const RecalibrationState state = rig.server->state();

@@ -55,7 +55,7 @@ class TemporaryFile {
 
 TEST(ServerConfig, withoutParametersItIsTheDefaults) {
   const ServerConfig config = readWith({});
-  EXPECT_EQ("on_request", config.mode);
+  EXPECT_EQ("manual", config.mode);
   EXPECT_EQ(SynchroniserConfig().max_bytes, config.synchroniser.max_bytes);
   EXPECT_EQ(5, config.frames_min);
   EXPECT_FALSE(config.initial_T_camera_lidar);
@@ -113,6 +113,10 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
       {"intensity_field", "remission"},
       {"camera_frame", "cam"},
       {"lidar_frame", "os"},
+      {"mode", "automatic"},
+      {"automatic/min_interval", 7.0},
+      {"fixed_frame", "odom"},
+      {"deskew", false},
       {"sync/max_stamp_gap", 0.02},
       {"sync/mask_timeout", 10.5},
       {"sync/max_unmatched", 33},
@@ -121,6 +125,8 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
       {"frames/min", 3},
       {"frames/max", 7},
       {"frames/min_interval", 2.5},
+      {"frames/min_view_change", 0.2},
+      {"frames/max_turn_rate_deg", 33.0},
       {"frames/max_bytes_mb", 128},
       {"frame/crop_margin_deg", 20.0},
       {"frame/min_range", 2.0},
@@ -155,6 +161,9 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
       {"gate/min_distinctness", 6.0},
       {"gate/max_rotation_sigma_deg", 0.4},
       {"gate/max_translation_sigma_m", 0.3},
+      {"monitor/rotation_tolerance", 0.4},
+      {"monitor/translation_tolerance", 0.06},
+      {"monitor/window", 12},
       {"service_timeout", 12.0},
       {"tf/publish", false},
       {"tf/child_frame", "cam2"},
@@ -194,6 +203,9 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
   EXPECT_DOUBLE_EQ(6.0, config.calibrator.gate.min_distinctness);
   EXPECT_DOUBLE_EQ(0.4, config.calibrator.gate.max_rotation_sigma_deg);
   EXPECT_DOUBLE_EQ(0.3, config.calibrator.gate.max_translation_sigma_m);
+  EXPECT_DOUBLE_EQ(0.4, config.monitor.rotation_tolerance_deg);
+  EXPECT_DOUBLE_EQ(0.06, config.monitor.translation_tolerance_m);
+  EXPECT_EQ(12, config.monitor.window);
   EXPECT_EQ("base", config.tf_correct_parent);
   EXPECT_EQ("mount", config.tf_correct_child);
   EXPECT_EQ(OverlayColor::kMask, config.overlay_color);
@@ -251,7 +263,7 @@ TEST(ServerConfig, boundsOfEveryNumber) {
     if (whole && max < 2e9) expectRefused(name, static_cast<int>(max) + 1, {allowed});
     if (!whole) expectRefused(name, max + 1e-6, {allowed});
   }
-  EXPECT_EQ(41, numbers);
+  EXPECT_EQ(47, numbers);
 }
 
 TEST(ServerConfig, whatMustFitTogether) {
@@ -275,8 +287,9 @@ TEST(ServerConfig, whatMustFitTogether) {
 }
 
 TEST(ServerConfig, otherModesAreRefusedInWords) {
-  expectRefused("mode", "automatic", {"automatic", "only searches on request"});
-  expectRefused("mode", "monitor", {"monitor", "only searches on request"});
+  for (const char* mode : {"manual", "monitor", "automatic"})
+    EXPECT_EQ(mode, readWith({{"mode", mode}}).mode);
+  expectRefused("mode", "autonomous", {"autonomous", "\"automatic\""});
 }
 
 XmlRpcValue listOf(const std::vector<double>& numbers) {

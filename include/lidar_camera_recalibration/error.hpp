@@ -12,6 +12,7 @@ enum class ErrorCause {
   kImage,      ///< an image of the wrong size or encoding
   kCamera,     ///< intrinsics that describe no camera, or an unknown distortion model
   kExtrinsic,  ///< not a rigid transform, or none known
+  kMotion,     ///< how the vehicle moved is not known
   kParameter,  ///< a parameter out of its range or of the wrong type
   kFile,       ///< a file that is missing, unreadable or malformed
   kNotEnough,  ///< too few frames, points or masks to calibrate from

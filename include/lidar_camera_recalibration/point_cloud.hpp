@@ -12,6 +12,7 @@ struct PointCloud {
   std::vector<Eigen::Vector3f> points;  ///< [m]
   std::vector<float> reflectivity;      ///< in the sensor's own unit; empty if the sensor gives none
   std::vector<std::uint16_t> ring;      ///< index of the laser; empty if unknown
+  std::vector<float> time;  ///< when it was taken, after the stamp of the cloud [s]; empty if unknown
 
   std::size_t size() const { return points.size(); }
   bool hasReflectivity() const { return !reflectivity.empty(); }

@@ -18,6 +18,7 @@
 #include <utility>
 
 #include "lidar_camera_recalibration/error.hpp"
+#include "point_times.hpp"
 
 namespace lidar_camera_recalibration {
 
@@ -149,6 +150,17 @@ std::optional<Column> ringColumn(const sensor_msgs::PointCloud2& message) {
   const sensor_msgs::PointField* field = findField(message, "ring");
   if (field == nullptr || field->count > 1 || field->datatype >= sensor_msgs::PointField::FLOAT32) return {};
   return columnOf(message, *field);
+}
+
+// Ouster: t; Velodyne: time; Hesai, Robosense and Livox: timestamp; Livox: offset_time. Whatever cannot be a
+// time is left to secondsAfter().
+std::optional<Column> timeColumn(const sensor_msgs::PointCloud2& message) {
+  for (const char* name : {"t", "time", "timestamp", "timeStamp", "time_stamp", "offset_time", "time_offset",
+                           "stamps", "stamp"}) {
+    const sensor_msgs::PointField* field = findField(message, name);
+    if (field != nullptr && field->count <= 1) return columnOf(message, *field);
+  }
+  return std::nullopt;
 }
 
 // All in 64 bits: hostile sizes overflow 32.
@@ -388,9 +400,10 @@ PointCloud toPointCloud(const sensor_msgs::PointCloud2& message, const std::stri
   const Column x = requiredColumn(message, "x"), y = requiredColumn(message, "y"),
                z = requiredColumn(message, "z");
   const std::optional<Column> intensity = intensityColumn(message, intensity_field);
-  const std::optional<Column> ring = ringColumn(message);
+  const std::optional<Column> ring = ringColumn(message), time = timeColumn(message);
 
   PointCloud cloud;
+  std::vector<double> times;
   bool any_intensity = false, valid_rings = ring.has_value();
   for (std::size_t row = 0; row < message.height; ++row) {
     const std::uint8_t* point = message.data.data() + row * message.row_step;
@@ -406,6 +419,7 @@ PointCloud toPointCloud(const sensor_msgs::PointCloud2& message, const std::stri
         any_intensity = any_intensity || finiteFloat(value);
         cloud.reflectivity.push_back(finiteFloat(value) ? static_cast<float>(value) : 0.0f);
       }
+      if (time) times.push_back(time->at(point));
       if (valid_rings) {
         const double value = ring->at(point);
         valid_rings = value >= 0.0 && value <= std::numeric_limits<std::uint16_t>::max();
@@ -420,6 +434,7 @@ PointCloud toPointCloud(const sensor_msgs::PointCloud2& message, const std::stri
   }
   if (!any_intensity) cloud.reflectivity.clear();
   if (!valid_rings) cloud.ring.clear();
+  cloud.time = secondsAfter(message.header.stamp.toSec(), times);
   return cloud;
 }
 

@@ -17,8 +17,8 @@ namespace lidar_camera_recalibration {
 /// Messages to core types and back. All of them validate what they read: an Error names the field, its value
 /// and the remedy.
 
-/// Finite points away from the origin, with reflectivity and ring where the cloud has them, whatever numeric
-/// PointField type they have. A point whose reflectivity is not finite gets 0.
+/// Finite points away from the origin, with reflectivity, ring and time (see secondsAfter) where the cloud
+/// has them, whatever numeric PointField type they have. A point whose reflectivity is not finite gets 0.
 /// @param intensity_field  empty: the first of `intensity`, `reflectivity`, `i`, `signal` that exists
 /// @throw Error(kCloud) for a cloud without usable x, y, z, with a layout that contradicts its size, or
 /// without a finite point;

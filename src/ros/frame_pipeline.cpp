@@ -9,19 +9,26 @@
 #include "conversions.hpp"
 #include "lidar_camera_recalibration/calibrator.hpp"
 #include "lidar_camera_recalibration/overlay.hpp"
+#include "motion.hpp"
 #include "result_messages.hpp"
 
 namespace lidar_camera_recalibration {
 
-FramePipeline::FramePipeline(const ServerConfig& config, ExtrinsicKeeper& keeper, const std::string& name,
-                             const ServerOutputs& outputs)
+FramePipeline::FramePipeline(const ServerConfig& config, const tf2::BufferCore& tf, ExtrinsicKeeper& keeper,
+                             const std::string& name, const ServerOutputs& outputs)
     : config_(config),
+      tf_(tf),
       keeper_(keeper),
       name_(name),
       outputs_(outputs),
       synchroniser_(config.synchroniser),
       buffer_(config),
-      objective_(makeObjective(config.calibrator.objective)) {}
+      objective_(makeObjective(config.calibrator.objective)),
+      drift_monitor_(config.monitor) {}
+
+void FramePipeline::warn(const std::string& what) {
+  if (repeat_filter_.isDue(what)) ROS_WARN_STREAM_NAMED(name_, name_ << ": " << what);
+}
 
 sensor_msgs::ImageConstPtr FramePipeline::decoded(const char* input,
                                                   const sensor_msgs::CompressedImage& message) {
@@ -29,7 +36,7 @@ sensor_msgs::ImageConstPtr FramePipeline::decoded(const char* input,
     return decode(message);
   } catch (const Error& e) {
     last_problem_ = std::string(input) + ": " + e.what();
-    if (repeat_filter_.isDue(last_problem_)) ROS_WARN_STREAM_NAMED(name_, name_ << ": " << last_problem_);
+    warn(last_problem_);
     return nullptr;
   }
 }
@@ -77,6 +84,16 @@ void FramePipeline::clearCaches() {
   ready_.clear();
 }
 
+void FramePipeline::clearFrames() {
+  buffer_.clear();
+  drift_monitor_.reset();
+}
+
+DriftVerdict FramePipeline::drift() const {
+  const auto current = keeper_.current();
+  return current ? drift_monitor_.window(current->T_camera_lidar) : DriftVerdict();
+}
+
 void FramePipeline::process(const FrameMessages& messages) {
   try {
     const FrameIds ids = frameIds(messages, config_);
@@ -84,6 +101,7 @@ void FramePipeline::process(const FrameMessages& messages) {
     score(messages, prepare(messages, extrinsic, ids), extrinsic);
   } catch (const Error& e) {
     std::uint64_t& counter = e.cause() == ErrorCause::kExtrinsic   ? dropped_no_extrinsic_
+                             : e.cause() == ErrorCause::kMotion    ? dropped_no_motion_
                              : e.cause() == ErrorCause::kNotEnough ? dropped_poor_
                                                                    : dropped_invalid_;
     refuse(messages, counter, e.what());
@@ -92,8 +110,8 @@ void FramePipeline::process(const FrameMessages& messages) {
   }
 }
 
-FramePtr FramePipeline::prepare(const FrameMessages& messages, const Eigen::Isometry3d& extrinsic,
-                                const FrameIds& ids) {
+FramePipeline::Prepared FramePipeline::prepare(const FrameMessages& messages,
+                                               const Eigen::Isometry3d& extrinsic, const FrameIds& ids) {
   FrameInputs inputs = readMessages(messages, config_);
   if (!startup_checked_) {
     startup_checked_ = true;
@@ -103,27 +121,40 @@ FramePtr FramePipeline::prepare(const FrameMessages& messages, const Eigen::Isom
     else
       ROS_WARN_STREAM_NAMED(name_, name_ << ": " << check.text);
   }
-  const std::string no_reflectivity = "points have no intensity field: the reflectivity term is left out";
-  if (!inputs.cloud.hasReflectivity() && repeat_filter_.isDue(no_reflectivity))
-    ROS_WARN_STREAM_NAMED(name_, name_ << ": " << no_reflectivity);
-  return makeFrame(messages.image->header.stamp.toSec(), inputs.camera, inputs.image, inputs.layers,
-                   inputs.cloud, extrinsic, config_.frame);
+  if (!inputs.cloud.hasReflectivity())
+    warn("points have no intensity field: the reflectivity term is left out");
+  Prepared prepared;
+  if (!config_.fixed_frame.empty()) {
+    if (!config_.deskew) inputs.cloud.time.clear();
+    if (config_.deskew && inputs.cloud.time.empty())
+      warn(
+          "points have no times of their own that make sense (see the parameter fixed_frame): clouds are "
+          "moved "
+          "to the stamps of the images, but not deskewed");
+    prepared.turn_rate_deg = moveToImage(inputs.cloud, tf_, config_.fixed_frame, ids.lidar,
+                                         messages.cloud->header.stamp, messages.image->header.stamp);
+  }
+  prepared.frame = makeFrame(messages.image->header.stamp.toSec(), inputs.camera, inputs.image, inputs.layers,
+                             inputs.cloud, extrinsic, config_.frame);
+  return prepared;
 }
 
-void FramePipeline::score(const FrameMessages& messages, const FramePtr& frame,
+void FramePipeline::score(const FrameMessages& messages, const Prepared& prepared,
                           const Eigen::Isometry3d& extrinsic) {
+  const FramePtr& frame = prepared.frame;
   const auto evaluator = objective_->evaluator({frame}, {});
   const Score score = (*evaluator)(extrinsic);
   CalibrationScore message =
       scoreMessage(messages.image->header, score, validityIndex(*evaluator, extrinsic));
-  message.reason = buffer_.refusal(messages.image->header.stamp);
+  const DriftVerdict drift = drift_monitor_.add(*evaluator, extrinsic);
+  addDrift(drift, drift_monitor_.window(extrinsic), config_.monitor, message);
+  message.reason = buffer_.add(frame, messages.image->header.stamp, prepared.turn_rate_deg);
   message.used = message.reason.empty();
-  if (message.used) {
-    buffer_.add(frame, messages.image->header.stamp);
-    if (outputs_.kept) outputs_.kept(messages);
-  }
+  if (message.used && outputs_.kept) outputs_.kept(frame);
   newest_ = Newest{frame, messages.image->header, messages.cloud->header};
   newest_->cloud_header.frame_id = frameIds(messages, config_).lidar;
+  if (!config_.fixed_frame.empty())
+    newest_->cloud_header.stamp = messages.image->header.stamp;  // moved there
   last_problem_.clear();
   publish(message, messages);
   pictures_due_ = true;
@@ -133,7 +164,7 @@ void FramePipeline::score(const FrameMessages& messages, const FramePtr& frame,
 void FramePipeline::refuse(const FrameMessages& messages, std::uint64_t& counter, const std::string& reason) {
   ++counter;
   last_problem_ = reason;
-  if (repeat_filter_.isDue(reason)) ROS_WARN_STREAM_NAMED(name_, name_ << ": frame refused: " << reason);
+  warn("frame refused: " + reason);
   publish(refusedMessage(messages.image->header, reason), messages);
 }
 
@@ -177,6 +208,9 @@ void FramePipeline::describe(RecalibrationState& state) const {
   state.frames = static_cast<std::uint32_t>(buffer_.size());
   state.pending = static_cast<std::uint32_t>(synchroniser_.pending());
   state.memory = synchroniser_.bytes() + readyBytes() + buffer_.bytes();
+  const DriftVerdict verdict = drift();
+  state.drift_state = static_cast<std::uint8_t>(verdict.state());
+  state.drift = lidar_camera_recalibration::describe(verdict, config_.monitor);
   state.scored = scored_;
   state.waiting = synchroniser_.images() + ready_.size();
   state.dropped_unmatched = counts.unmatched;
@@ -188,6 +222,7 @@ void FramePipeline::describe(RecalibrationState& state) const {
   state.dropped_invalid = dropped_invalid_;
   state.dropped_poor = dropped_poor_;
   state.dropped_no_extrinsic = dropped_no_extrinsic_;
+  state.dropped_no_motion = dropped_no_motion_;
 }
 
 }  // namespace lidar_camera_recalibration

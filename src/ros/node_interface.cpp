@@ -26,6 +26,7 @@ NodeInterface::NodeInterface(const ros::NodeHandle& node, const ros::NodeHandle&
   diagnostics_.setHardwareID("none");
   diagnostics_.add("inputs", this, &NodeInterface::diagnoseInputs);
   diagnostics_.add("recalibration", this, &NodeInterface::diagnoseRecalibration);
+  diagnostics_.add("drift", this, &NodeInterface::diagnoseDrift);
   try {
     start();
   } catch (const Error& e) {
@@ -52,8 +53,11 @@ void NodeInterface::start() {
   });
   compressed_ = config.compressed;
   warnOfUnknownParameters();
-  tf_listener_ = std::make_unique<tf2_ros::TransformListener>(tf_, node_);
-  server_ = std::make_unique<RecalibrationServer>(config, tf_, name_, advertise());
+  // Frames are made when their masks come: only then is the vehicle's way looked up in tf.
+  const double mask_timeout = config.fixed_frame.empty() ? 0.0 : config.synchroniser.mask_timeout;
+  tf_.emplace(ros::Duration(tf2::BufferCore::DEFAULT_CACHE_TIME + mask_timeout));
+  tf_listener_ = std::make_unique<tf2_ros::TransformListener>(*tf_, node_);
+  server_ = std::make_unique<RecalibrationServer>(config, *tf_, name_, advertise());
   subscribe();
   offerServices();
 }
@@ -250,6 +254,7 @@ void NodeInterface::diagnoseRecalibration(DiagnosticStatusWrapper& status) {
   status.add("dropped: invalid", state.dropped_invalid);
   status.add("dropped: poor", state.dropped_poor);
   status.add("dropped: no extrinsic", state.dropped_no_extrinsic);
+  status.add("dropped: no motion", state.dropped_no_motion);
   status.add("dropped: memory", state.dropped_memory);
   status.add("dropped: forgotten", state.dropped_forgotten);
   status.add("dropped: unknown masks", state.dropped_unknown_masks);
@@ -260,6 +265,15 @@ void NodeInterface::diagnoseRecalibration(DiagnosticStatusWrapper& status) {
     status.summary(DiagnosticStatus::WARN, "last result " + last_result_);
   else
     status.summary(DiagnosticStatus::OK, state.text);
+}
+
+void NodeInterface::diagnoseDrift(DiagnosticStatusWrapper& status) {
+  if (!isWorking()) return status.summary(DiagnosticStatus::ERROR, "not started: " + parameter_error_);
+  const RecalibrationState state = server_->state();
+  status.summary(state.drift_state == CalibrationScore::DRIFT_OFF        ? DiagnosticStatus::ERROR
+                 : state.drift_state == CalibrationScore::DRIFT_DOUBTFUL ? DiagnosticStatus::WARN
+                                                                         : DiagnosticStatus::OK,
+                 state.drift);
 }
 
 }  // namespace lidar_camera_recalibration

@@ -13,6 +13,7 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -54,6 +55,7 @@ class NodeInterface {
   void onTimer(const ros::WallTimerEvent& event);
   void diagnoseInputs(diagnostic_updater::DiagnosticStatusWrapper& status);
   void diagnoseRecalibration(diagnostic_updater::DiagnosticStatusWrapper& status);
+  void diagnoseDrift(diagnostic_updater::DiagnosticStatusWrapper& status);
 
   ros::NodeHandle node_, private_node_;
   const std::string name_;
@@ -71,7 +73,7 @@ class NodeInterface {
   bool last_result_accepted_ = true;
   double last_stamp_gap_ = 0.0;
 
-  tf2_ros::Buffer tf_;
+  std::optional<tf2_ros::Buffer> tf_;
   std::unique_ptr<tf2_ros::TransformListener> tf_listener_;
   tf2_ros::StaticTransformBroadcaster tf_broadcaster_;
   ros::Publisher score_, result_, state_, overlay_, colored_points_;

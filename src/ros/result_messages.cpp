@@ -74,11 +74,25 @@ CalibrationScore scoreMessage(const std_msgs::Header& image_header, const Score&
   return message;
 }
 
+void addDrift(const DriftVerdict& frame, const DriftVerdict& window, const DriftConfig& config,
+              CalibrationScore& message) {
+  const auto probability = [](const DriftVerdict& verdict) {
+    return verdict.frames > 0 ? verdict.probability : std::numeric_limits<double>::quiet_NaN();
+  };
+  message.drift_probability = probability(window);
+  message.drift_probability_frame = probability(frame);
+  message.drift_frames = static_cast<std::uint32_t>(window.frames);
+  static_assert(static_cast<std::uint8_t>(DriftVerdict::State::kOff) == CalibrationScore::DRIFT_OFF);
+  message.drift_state = static_cast<std::uint8_t>(window.state());
+  message.drift = describe(window, config);
+}
+
 CalibrationScore refusedMessage(const std_msgs::Header& image_header, const std::string& reason) {
   constexpr double kNothing = std::numeric_limits<double>::quiet_NaN();
   CalibrationScore message;
   message.header = image_header;
   message.score = message.edges = message.region = message.validity = kNothing;
+  message.drift_probability = message.drift_probability_frame = kNothing;
   message.reflectivity = message.normal = message.segment = kNothing;
   message.reason = reason;
   return message;

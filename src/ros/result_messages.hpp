@@ -22,6 +22,10 @@ CalibrationResult toMessage(const CalibrationOutcome& outcome, const FrameIds& f
 CalibrationScore scoreMessage(const std_msgs::Header& image_header, const Score& score, double validity);
 
 /// Of a frame that could not be scored.
+/// @param frame   what the frame alone says
+/// @param window  what it says together with the frames before it
+void addDrift(const DriftVerdict& frame, const DriftVerdict& window, const DriftConfig& config,
+              CalibrationScore& message);
 CalibrationScore refusedMessage(const std_msgs::Header& image_header, const std::string& reason);
 
 /// The points that the camera sees, in the LiDAR frame, painted with its image: fields x, y, z, rgb.

@@ -15,6 +15,7 @@
 #include <thread>
 #include <utility>
 
+#include "automatic_policy.hpp"
 #include "extrinsic_keeper.hpp"
 #include "frame_pipeline.hpp"
 #include "lidar_camera_recalibration/calibrator.hpp"
@@ -118,6 +119,7 @@ class RecalibrationServer::Impl {
   void run();
   std::deque<Input> takeInputs();
   bool waitForWork();
+  void watchDrift();
   void finishSearch();
   void advanceJob();
   void startSearch(const JobPtr& job);
@@ -145,7 +147,7 @@ class RecalibrationServer::Impl {
   std::uint64_t dropped_images_ = 0, dropped_others_ = 0, forgotten_images_ = 0;  ///< out of the queue
   std::size_t waiting_callers_ = 0;
   bool has_work_ = false, idle_ = false, stopping_ = false;
-  bool clear_caches_ = false, clear_frames_ = false;
+  bool clear_caches_ = false, clear_frames_ = false, restored_ = false;
   JobPtr job_;
   std::optional<SearchDone> search_done_;
   RecalibrationState state_;
@@ -156,6 +158,8 @@ class RecalibrationServer::Impl {
   // Owned by the worker.
   FramePipeline pipeline_;
   RepeatFilter repeat_filter_;
+  AutomaticPolicy policy_;
+  ros::Time watched_stamp_;  ///< of the frame that the policy saw last
   std::thread search_;
   ros::Time search_stamp_;
   bool transform_due_ = false, edge_published_ = false;
@@ -174,7 +178,8 @@ RecalibrationServer::Impl::Impl(const ServerConfig& config, const tf2::BufferCor
       name_(name),
       outputs_(std::move(outputs)),
       keeper_(config_, tf, name),
-      pipeline_(config_, keeper_, name, outputs_) {
+      pipeline_(config_, tf, keeper_, name, outputs_),
+      policy_(config_.automatic_min_interval) {
   makeSearch(config_.calibrator.search);  // its complaint belongs here, not into the first search
   worker_ = std::thread([this] { run(); });
 }
@@ -301,6 +306,7 @@ bool RecalibrationServer::Impl::restore(std::string& message) {
   }
   const bool restored = keeper_.restore(message);  // writes a file: inputs must not wait for that
   const std::lock_guard<std::mutex> lock(mutex_);
+  restored_ = restored_ || restored;
   wake();
   return restored;
 }
@@ -343,6 +349,7 @@ void RecalibrationServer::Impl::run() {
   while (waitForWork()) {
     for (const Input& input : takeInputs()) guarded("taking a message", [&] { input.add(pipeline_); });
     guarded("processing a frame", [&] { pipeline_.step(); });
+    watchDrift();
     finishSearch();
     advanceJob();
     guarded("publishing the transform", [&] { publishTransform(); });
@@ -371,6 +378,28 @@ std::deque<RecalibrationServer::Impl::Input> RecalibrationServer::Impl::takeInpu
   if (std::exchange(clear_frames_, false)) pipeline_.clearFrames();
   queued_bytes_ = queued_images_ = 0;
   return std::exchange(queue_, {});
+}
+
+/// Mode `automatic`: a confirmed drift is a request.
+void RecalibrationServer::Impl::watchDrift() {
+  if (config_.mode != "automatic") return;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (std::exchange(restored_, false)) policy_.restored();
+  }
+  const ros::Time stamp = pipeline_.newestStamp();
+  if (stamp == watched_stamp_) return;
+  watched_stamp_ = stamp;
+  const DriftVerdict drift = pipeline_.drift();
+  if (drift.frames < static_cast<std::size_t>(config_.monitor.window)) return;
+  if (!policy_.judge(drift.state(), stamp.toSec())) return;
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (job_) return;  // somebody was faster
+  ROS_WARN_STREAM_NAMED(name_, name_ << ": a search starts by itself: "
+                                     << lidar_camera_recalibration::describe(drift, config_.monitor));
+  // Frames from before the drift would vote for the extrinsic that held then.
+  pipeline_.dropFramesOlderThan(ros::Time(*policy_.doubtfulSince()));
+  job_ = makeJob(Recalibrate::Request());
 }
 
 void RecalibrationServer::Impl::finishSearch() {
@@ -500,6 +529,7 @@ void RecalibrationServer::Impl::endJob(JobPtr job, bool success, const Calibrati
     if (outputs_.result) outputs_.result(result);
   });
   last_outcome_ = result.accepted ? "accepted" : "not accepted";
+  policy_.searchEnded();
   pipeline_.requestPictures();
   const std::lock_guard<std::mutex> lock(mutex_);
   job->response = answer(success, result.reason);

@@ -23,7 +23,7 @@ namespace lidar_camera_recalibration {
 /// one at a time.
 struct ServerOutputs {
   std::function<void(const CalibrationScore&)> score;
-  std::function<void(const FrameMessages&)> kept;        ///< of each frame that was taken into the buffer
+  std::function<void(const FramePtr&)> kept;             ///< each frame that was taken into the buffer
   std::function<void(const CalibrationResult&)> result;  ///< the message
   std::function<void(const RecalibrationState&)> state;
   std::function<void(const geometry_msgs::TransformStamped&)> transform;  ///< static transform to broadcast

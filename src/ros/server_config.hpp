@@ -11,6 +11,7 @@
 
 #include "frame_synchroniser.hpp"
 #include "lidar_camera_recalibration/calibrator.hpp"
+#include "lidar_camera_recalibration/drift_monitor.hpp"
 #include "lidar_camera_recalibration/frame.hpp"
 #include "lidar_camera_recalibration/overlay.hpp"
 
@@ -19,7 +20,8 @@ namespace lidar_camera_recalibration {
 /// All that the server can be told. config/recalibration.yaml explains every member; the defaults are here
 /// and in the core's structs.
 struct ServerConfig {
-  std::string mode = "on_request";
+  std::string mode = "manual";
+  double automatic_min_interval = 60.0;  ///< between two searches that a drift starts [s]
 
   // Inputs
   SynchroniserConfig synchroniser;
@@ -28,6 +30,8 @@ struct ServerConfig {
   std::string intensity_field;  ///< empty: automatic
   std::string camera_frame;     ///< optical frame; empty: the image's frame id
   std::string lidar_frame;      ///< empty: the cloud's frame id
+  std::string fixed_frame;      ///< in which clouds are moved to their images; empty: taken as they are
+  bool deskew = true;           ///< false: clouds are compensated already, though their points carry times
 
   // Initial guess: the saved result, or this matrix, or tf
   std::optional<Eigen::Isometry3d> initial_T_camera_lidar;
@@ -36,13 +40,17 @@ struct ServerConfig {
   // Frames
   FrameConfig frame;
   int frames_min = 5;
-  int frames_max = 15;               ///< the oldest one leaves
-  double frames_min_interval = 1.0;  ///< between the stamps of two kept frames [s]
+  int frames_max = 15;                     ///< of two that are alike the older one leaves
+  double frames_min_interval = 1.0;        ///< between the stamps of two kept frames [s]
+  double frames_min_view_change = 0.1;     ///< share of the view, 0..1
+  double frames_max_turn_rate_deg = 15.0;  ///< with fixed_frame [deg/s]
   std::size_t frames_max_bytes = 512u * 1024 * 1024;
 
   // Search and gate
   CalibratorConfig calibrator;
   double service_timeout = 300.0;  ///< of ~recalibrate with wait [s]
+
+  DriftConfig monitor;
 
   // Outputs
   std::string tf_child_frame;  ///< empty: <camera frame>_recalibrated

@@ -42,7 +42,7 @@ using Bags = std::vector<std::unique_ptr<rosbag::Bag>>;
 
 ServerConfig serverConfig(const Options& options) {
   ServerConfig config = loadServerConfig(options.config, options.assignments);
-  config.mode = "on_request";
+  config.mode = "manual";
   // Masks may be recorded long after their images, and no vehicle needs the memory here.
   constexpr std::size_t kCacheBytes = 1024u * 1024 * 1024;
   config.synchroniser.max_bytes = std::max(config.synchroniser.max_bytes, kCacheBytes);
@@ -180,6 +180,7 @@ std::string droppedByCause(const RecalibrationState& state) {
       {"malformed", state.dropped_invalid},
       {"too poor", state.dropped_poor},
       {"without initial extrinsic", state.dropped_no_extrinsic},
+      {"without tf to the parameter fixed_frame", state.dropped_no_motion},
       {"for lack of memory", state.dropped_memory},
       {"masks of unknown images", state.dropped_unknown_masks},
       {"clouds and camera_infos without image", state.dropped_unused}};
@@ -305,15 +306,12 @@ std::string toJson(const CalibrationResult& result, const std::optional<Eigen::I
   return out.c_str();
 }
 
-void writeOverlay(const std::string& file, const FrameMessages& messages, const CalibrationResult& result,
+void writeOverlay(const std::string& file, const Frame& frame, const CalibrationResult& result,
                   const ServerConfig& config) {
-  const FrameInputs inputs = readMessages(messages, config);
-  const Eigen::Isometry3d before = isometry(result.start), after = isometry(result.transform);
-  const FramePtr frame = makeFrame(messages.image->header.stamp.toSec(), inputs.camera, inputs.image,
-                                   inputs.layers, inputs.cloud, after, config.frame);
   bool written = false;
   try {
-    written = cv::imwrite(file, drawBeforeAfter(*frame, before, after, config.overlay_color));
+    written = cv::imwrite(file, drawBeforeAfter(frame, isometry(result.start), isometry(result.transform),
+                                                config.overlay_color));
   } catch (const cv::Exception& error) {
     throw Error(ErrorCause::kFile, "\"" + file + "\" cannot be written: " + error.what());
   }
@@ -333,10 +331,10 @@ int calibrateBags(const Options& options) {
   // Masks come late, and the transform is looked up at the stamp of their image.
   tf2::BufferCore tf(ros::Duration(2.0 * config.synchroniser.mask_timeout + 10.0));
   Feeder feeder(bags, topics, tf);
-  FrameMessages newest;  // written by the server's thread, read when it is idle
+  FramePtr newest;  // written by the server's thread, read when it is idle
   ProgressBar progress;
   ServerOutputs outputs;
-  outputs.kept = [&newest](const FrameMessages& messages) { newest = messages; };
+  outputs.kept = [&newest](const FramePtr& frame) { newest = frame; };
   outputs.state = [&progress](const RecalibrationState& state) {
     if (state.state == RecalibrationState::SEARCHING) progress.show("searching", state.progress);
   };
@@ -352,7 +350,7 @@ int calibrateBags(const Options& options) {
     std::cout << "result: " << options.out << (result.accepted ? "" : " (says that it was rejected)") << '\n';
   }
   if (!options.json.empty()) writeFileAtomically(options.json, toJson(result, reference, seconds) + "\n");
-  if (!options.overlay.empty()) writeOverlay(options.overlay, newest, result, config);
+  if (!options.overlay.empty()) writeOverlay(options.overlay, *newest, result, config);
   return result.accepted ? kExitOk : kExitRejected;
 }
 

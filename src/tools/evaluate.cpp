@@ -6,6 +6,7 @@
 
 #include "command_line.hpp"
 #include "dataset.hpp"
+#include "evaluation/drift.hpp"
 #include "evaluation/output.hpp"
 #include "evaluation/slices.hpp"
 #include "evaluation/trials.hpp"
@@ -21,7 +22,7 @@ namespace {
 using namespace evaluation;
 
 struct Options {
-  std::string folder, csv, json, slices;
+  std::string folder, csv, json, slices, monitor;
   std::vector<std::string> methods, starts;
   std::string frames = "5", halves;
   CommonParameters parameters;
@@ -88,6 +89,12 @@ int evaluate(const Options& options) {
     writeFileAtomically(options.slices, scoreSlices(plan.methods, inputs, camera, *dataset->reference()));
     return kExitOk;
   }
+  if (!options.monitor.empty()) {
+    writeFileAtomically(options.monitor,
+                        driftWindows(plan.methods.front(), inputs, camera, *dataset->reference(),
+                                     plan.frame_counts, plan.trials, plan.seed));
+    return kExitOk;
+  }
   const Circumstances circumstances{options.folder, dataset->layout(), options.choice};
   std::vector<Cell> cells;
   printHead(plan, circumstances);
@@ -148,6 +155,9 @@ int evaluateMain(int argc, char** argv) {
       "the differences between both results");
   add("slices", po::value(&options.slices)->value_name("FILE"),
       "no trials: write the scores along each axis through the reference, on all frames, as CSV");
+  add("monitor", po::value(&options.monitor)->value_name("FILE"),
+      "no calibration: write what the drift monitor says about extrinsics that are off by a known amount, "
+      "--trials windows of --frames frames of each, as CSV; with the first --method, which needs edges");
   add("trials", atLeast(1, &plan.trials, "trials")->value_name("N"), "of each row (default 20)");
   add("starts", atLeast(1, &plan.trials, "starts")->value_name("N"), "another name of --trials");
   add("seed", po::value(&plan.seed)->value_name("S"), "of starts and frames (default 1)");

@@ -60,11 +60,12 @@ struct Options {
   std::string out, dataset;  ///< bag and folder; one of them may be empty
   std::uint64_t seed = 1;
   int frames = 20;
-  double rate = 2.0, speed = 8.0;
+  double rate = 2.0, speed = 8.0, winding = 1.0;
   NumberPair error{3.0, 0.1};                              ///< [deg], [m]
   double step_time = -1.0, step_deg = 1.0, step_m = 0.05;  ///< a negative time means never
   int beams = 64;
   bool raw = false;
+  double cloud_delay = 0.0;  ///< [s]
   int width = 1242, height = 376;
   double mask_fraction = 1.0;
   std::string compression = "lz4";
@@ -246,7 +247,7 @@ class Drive {
  public:
   explicit Drive(const Options& options)
       : options_(options),
-        street_(options.seed, options.speed * options.duration(), options.speed),
+        street_(options.seed, options.speed * options.duration(), options.speed, options.winding),
         scene_(street_.world()),
         rig_(makeRig(options.seed)),
         camera_(cameraIntrinsics(options)),
@@ -341,13 +342,13 @@ class Drive {
 
   void simulateFrame(int index, double time) {
     const std::uint64_t seed = options_.seed * 1000003 + static_cast<std::uint64_t>(index);
-    const double half = 0.5 * lidar_sensor_.duration();
-    scene_.setInterval(time - half, time + half);
+    const double half = 0.5 * lidar_sensor_.duration(), cloud_time = time + options_.cloud_delay;
+    scene_.setInterval(time - half, cloud_time + half);
     const auto T_world_lidar = [&](double t) { return street_.egoPose(t) * rig_.T_base_lidar; };
     const Picture picture =
         camera_sensor_.take(scene_, T_world_lidar(time) * T_camera_lidar(time).inverse(), time, seed);
-    std::vector<LidarReturn> sweep = lidar_sensor_.sweep(scene_, T_world_lidar, time, seed);
-    if (!options_.raw) motionCompensate(sweep, T_world_lidar, time);
+    std::vector<LidarReturn> sweep = lidar_sensor_.sweep(scene_, T_world_lidar, cloud_time, seed);
+    if (!options_.raw) motionCompensate(sweep, T_world_lidar, cloud_time);
     const std::vector<cv::Mat> masks = simulateMasks(picture, street_.world().parts, MaskConfig(), seed);
     points_ = sweep.size();
 
@@ -371,7 +372,9 @@ class Drive {
     const std_msgs::Header image_header = header(time, kCameraFrame);
     bag_->add("/camera/image_raw", time + 0.035, *toImageMessage(image, image_header));
     bag_->add("/camera/camera_info", time + 0.035, toCameraInfo(image_header, camera_.intrinsics()));
-    bag_->add("/lidar/points", time + 0.5 * lidar_sensor_.duration() + 0.015, cloudMessage(time, sweep));
+    const double cloud_time = time + options_.cloud_delay;
+    bag_->add("/lidar/points", cloud_time + 0.5 * lidar_sensor_.duration() + 0.015,
+              cloudMessage(cloud_time, sweep));
     if (!masks.empty()) bag_->add("/camera/masks", time + mask_delay, toMaskMessage(image_header, masks));
   }
 
@@ -453,6 +456,8 @@ int simulateDriveMain(int argc, char** argv) {
       "frames per second; a low rate spreads them over a long street (default 2)");
   add("speed", inRange(0.0, 40.0, &options.speed, "speed")->value_name("V"),
       "of the vehicle [m/s] (default 8)");
+  add("winding", inRange(0.0, 2.0, &options.winding, "winding")->value_name("K"),
+      "of the road: its bends have radii of 60 m and more, divided by K (default 1)");
   add("perturb", po::value(&options.error)->value_name("DEG M"),
       "error of the extrinsic in tf_static: angle and distance (default 3 0.1)");
   add("step-time", inRange(0.0, 1e6, &options.step_time, "step-time")->value_name("S"),
@@ -465,6 +470,8 @@ int simulateDriveMain(int argc, char** argv) {
   add("raw", po::bool_switch(&options.raw),
       "points as fired, each from the sensor's place at its time (default: moved to the stamp, as datasets "
       "deliver them)");
+  add("cloud-delay", inRange(0.0, 0.1, &options.cloud_delay, "cloud-delay")->value_name("S"),
+      "the middle of each sweep is so much later than its picture [s] (default 0)");
   add("width", inRange(64, 8192, &options.width, "width")->value_name("PX"), "of the picture (default 1242)");
   add("height", inRange(64, 8192, &options.height, "height")->value_name("PX"), "default 376");
   add("mask-fraction", inRange(0.0, 1.0, &options.mask_fraction, "mask-fraction")->value_name("F"),

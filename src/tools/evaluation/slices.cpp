@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "command_line.hpp"
-#include "lidar_camera_recalibration/error.hpp"
+#include "evaluation/prepare.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
 #include "lidar_camera_recalibration/objective.hpp"
 
@@ -30,21 +30,6 @@ Eigen::Isometry3d moved(const Eigen::Isometry3d& reference, int axis, double par
   Vector6d xi = Vector6d::Zero();
   xi[axis] = part * (axis < 3 ? kRotation * kDegree : kTranslation);
   return exp(xi) * reference;
-}
-
-Frames prepare(const std::vector<Input>& inputs, const Camera& camera, const Eigen::Isometry3d& reference,
-               const FrameConfig& config) {
-  Frames frames;
-  for (const Input& input : inputs) {
-    try {
-      frames.push_back(
-          makeFrame(input.stamp, camera, input.image, input.layers, input.cloud, reference, config));
-    } catch (const Error& error) {
-      std::fprintf(stderr, "left out: %s: %s\n", input.name.c_str(), error.what());
-    }
-  }
-  if (frames.empty()) throw Error(ErrorCause::kNotEnough, "no frame can be used");
-  return frames;
 }
 
 void addSlice(const std::string& method, int axis, const Objective& objective, const Frames& frames,
@@ -74,7 +59,7 @@ std::string scoreSlices(const std::vector<Method>& methods, const std::vector<In
   ProgressBar progress;
   for (std::size_t m = 0; m < methods.size(); ++m) {
     const Method& method = methods[m];
-    const Frames frames = prepare(inputs, camera, reference, method.config.frame);
+    const Frames frames = prepareAll(inputs, camera, reference, method.config.frame);
     const auto objective = makeObjective(method.config.calibrator.objective);
     for (int axis = 0; axis < 6; ++axis) {
       progress.show("slices", (double(m) + axis / 6.0) / double(methods.size()));

@@ -114,6 +114,7 @@ void motionCompensate(std::vector<LidarReturn>& sweep, const Trajectory& T_world
     first = false;
     last_time = r.time;
     r.point = (T_now_then * r.point.cast<double>()).cast<float>();
+    r.time = 0.0F;
   }
 }
 

@@ -50,7 +50,7 @@ class LidarSensor {
 };
 
 /// Moves the points to where a still sensor would have seen them from its pose at `time`, as datasets deliver
-/// them. What moved by itself stays smeared.
+/// them; all belong to `time` then. What moved by itself stays smeared.
 void motionCompensate(std::vector<LidarReturn>& sweep, const Trajectory& T_world_lidar, double time);
 
 }  // namespace lidar_camera_recalibration::simulation

@@ -247,7 +247,8 @@ class StreetBuilder {
 
 }  // namespace
 
-Road::Road(double from, double to, std::uint64_t seed) : from_(from), to_(to) {
+Road::Road(double from, double to, std::uint64_t seed, double winding)
+    : from_(from), to_(to), winding_(winding) {
   Random random(seed, 1);
   phase_a_ = random.uniform(0, 2 * M_PI);
   phase_b_ = random.uniform(0, 2 * M_PI);
@@ -260,8 +261,8 @@ Road::Road(double from, double to, std::uint64_t seed) : from_(from), to_(to) {
 }
 
 double Road::heading(double s) const {
-  // Two superposed swings; the tightest radius is about 60 m.
-  return 0.36 * std::sin(s / 34.0 + phase_a_) + 0.25 * std::sin(s / 61.0 + phase_b_);
+  // Two superposed swings.
+  return winding_ * (0.36 * std::sin(s / 34.0 + phase_a_) + 0.25 * std::sin(s / 61.0 + phase_b_));
 }
 
 Isometry3d Road::pose(double s, double d) const {
@@ -278,8 +279,8 @@ Isometry3d Road::pose(double s, double d) const {
   return pose;
 }
 
-Street::Street(std::uint64_t seed, double length, double speed)
-    : road_(-kBehind, std::clamp(length, 0.0, kMaxLength) + kAhead, seed), speed_(speed) {
+Street::Street(std::uint64_t seed, double length, double speed, double winding)
+    : road_(-kBehind, std::clamp(length, 0.0, kMaxLength) + kAhead, seed, winding), speed_(speed) {
   if (!(length >= 0.0 && length <= kMaxLength)) {
     throw Error(ErrorCause::kParameter, "The drive would be " + std::to_string(length) +
                                             " m long; the street can be 0 to " +

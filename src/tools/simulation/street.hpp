@@ -12,7 +12,8 @@ namespace lidar_camera_recalibration::simulation {
 class Road {
  public:
   /// Defined for arc lengths from..to [m].
-  Road(double from, double to, std::uint64_t seed);
+  /// @param winding  1: the tightest radius is about 60 m; 2: half of that
+  Road(double from, double to, std::uint64_t seed, double winding = 1.0);
 
   double from() const { return from_; }
   double to() const { return to_; }
@@ -21,7 +22,7 @@ class Road {
   Eigen::Isometry3d pose(double s, double d) const;
 
  private:
-  double from_, to_;
+  double from_, to_, winding_;
   double phase_a_, phase_b_;
   std::vector<Eigen::Vector2d> middle_;
 };
@@ -31,8 +32,9 @@ class Street {
  public:
   /// @param length  distance the vehicle will drive [m]
   /// @param speed   of the vehicle [m/s]
+  /// @param winding  of the road
   /// @throw Error(kParameter) for a length beyond what single precision resolves.
-  Street(std::uint64_t seed, double length, double speed);
+  Street(std::uint64_t seed, double length, double speed, double winding = 1.0);
   Street(const Street&) = delete;  // its traffic follows its own road
   Street& operator=(const Street&) = delete;
 
