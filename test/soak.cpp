@@ -446,6 +446,7 @@ int main(int argc, char** argv) {
   const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> guess = wrongGuess().matrix();
   ros::param::set(kNode + "/initial/T_camera_lidar", std::vector<double>(guess.data(), guess.data() + 16));
   ros::param::set(kNode + "/frames/max", options.frames);
+  ros::param::set(kNode + "/frames/min_view_change", 0.0);  // the same views again and again fill the buffer
   ros::AsyncSpinner spinner(1);
   spinner.start();
   return soak(options);

@@ -49,6 +49,7 @@ class Node {
     set("frames/min", 2);
     set("frames/max", 5);
     set("frames/min_interval", 0.5);
+    set("frames/min_view_change", 0.0);  // the camera stands still
     set("features/normal_neighbours", 10);
     set("search_range/rotation_deg", 2.0);
     set("search_range/translation_m", 0.08);
