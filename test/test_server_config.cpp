@@ -120,7 +120,7 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
       {"sync/max_stamp_gap", 0.02},
       {"sync/mask_timeout", 10.5},
       {"sync/max_unmatched", 33},
-      {"sync/max_bytes_mb", 48},
+      {"sync/max_bytes_mb", 40},
       {"initial/from_saved", false},
       {"frames/min", 3},
       {"frames/max", 7},
@@ -182,7 +182,7 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
   }
   EXPECT_EQ("remission", config.intensity_field);
   EXPECT_DOUBLE_EQ(0.02, config.synchroniser.max_stamp_gap);
-  EXPECT_EQ(48u * 1024 * 1024, config.synchroniser.max_bytes);
+  EXPECT_EQ(40u * 1024 * 1024, config.synchroniser.max_bytes);
   EXPECT_EQ(33u, config.synchroniser.max_unmatched);
   EXPECT_EQ(3, config.frames_min);
   EXPECT_EQ(7, config.frames_max);
