@@ -424,7 +424,7 @@ int main(int argc, char** argv) {
       "width", po::value(&options.width)->default_value(1920), "of the images [px]")(
       "height", po::value(&options.height)->default_value(1200), "[px]")(
       "points", po::value(&options.points)->default_value(120000), "of the clouds")(
-      "frames", po::value(&options.frames)->default_value(20), "in the buffer; fewer ones fill it sooner")(
+      "frames", po::value(&options.frames)->default_value(15), "in the buffer; fewer ones fill it sooner")(
       "rate", po::value(&options.rate)->default_value(10.0), "of images and clouds [1/s]")(
       "mask-period", po::value(&options.mask_period)->default_value(1.0), "between masks [s]")(
       "mask-delay", po::value(&options.mask_delay)->default_value(2.0), "of the masks after their image [s]")(
