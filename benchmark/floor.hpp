@@ -2,23 +2,13 @@
 
 #include <Eigen/Geometry>
 #include <cstdint>
-#include <vector>
 
 #include "lidar_camera_recalibration/frame.hpp"
+#include "projection.hpp"
 
 namespace lidar_camera_recalibration::performance {
 
-/// Points as structure of arrays, LiDAR frame [m].
-struct Points {
-  std::vector<float> x, y, z;
-
-  std::size_t size() const { return x.size(); }
-  void add(float px, float py, float pz) {
-    x.push_back(px);
-    y.push_back(py);
-    z.push_back(pz);
-  }
-};
+using Points = Places;
 
 /// The points of a frame that an objective scores when this extrinsic bounds the view (see
 /// Objective::evaluator): those well inside the image.

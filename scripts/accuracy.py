@@ -181,10 +181,10 @@ class Bench:
         self.asked.add(result)
         return kept
 
-    def slices(self, name, dataset, extra=()):
+    def table(self, name, dataset, option, extra):
+        """Rows of the table that `evaluate` writes for an option such as --slices; kept as long as the call is the same."""
         table, record = self.work / (name + '.csv'), self.work / (name + '.json')
-        command = [str(word) for word in [self.programs / 'evaluate', dataset, '--slices', table, '--method', PAPER,
-                                          '--method', METHOD, *extra]]
+        command = [str(word) for word in [self.programs / 'evaluate', dataset, option, table, *extra]]
         fresh = self.arguments.fresh and name not in self.asked
         if fresh or read_json(record).get('command') != command[1:]:
             forget(record)
@@ -194,21 +194,15 @@ class Bench:
         with table.open() as stream:
             return list(csv.DictReader(stream))
 
+    def slices(self, name, dataset, extra=()):
+        return self.table(name, dataset, '--slices', ['--method', PAPER, '--method', METHOD, *extra])
+
     def monitor(self, name, dataset, windows, frames, extra=()):
         """Verdicts of the drift monitor on windows: rows of numbers, but `offset`."""
-        table, record = self.work / (name + '.csv'), self.work / (name + '.json')
-        command = [str(word) for word in [
-            self.programs / 'evaluate', dataset, '--monitor', table, '--method', METHOD, '--frames',
-            ','.join(str(count) for count in frames), '--trials', self.arguments.trials or windows, *extra]]
-        fresh = self.arguments.fresh and name not in self.asked
-        if fresh or read_json(record).get('command') != command[1:]:
-            forget(record)
-            call(command)
-            record.write_text(json.dumps({'command': command[1:], 'commit': self.commit}) + '\n')
-        self.asked.add(name)
-        with table.open() as stream:
-            return [{key: value if key == 'offset' else float(value) for key, value in row.items()}
-                    for row in csv.DictReader(stream)]
+        rows = self.table(name, dataset, '--monitor', [
+            '--method', METHOD, '--frames', ','.join(str(count) for count in frames), '--trials',
+            self.arguments.trials or windows, *extra])
+        return [{key: value if key == 'offset' else float(value) for key, value in row.items()} for row in rows]
 
 
 class Cells:

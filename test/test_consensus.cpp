@@ -11,6 +11,7 @@
 #include "confidence.hpp"
 #include "consensus.hpp"
 #include "dataset.hpp"
+#include "edges_config.hpp"
 #include "lidar_camera_recalibration/calibrator.hpp"
 #include "parallel.hpp"
 #include "synthetic_scene.hpp"
@@ -365,7 +366,8 @@ TEST_P(Covariance, MeanOfRefinementsIsTheResultWhereTheyAreExact) {
   const Eigen::Isometry3d mean = estimate().T_camera_lidar;
   const ExtrinsicError moved = extrinsicError(mean, joint());
   if (GetParam().exact) {
-    // Each frame is drawn as often as any other; what is left is that the optimum is not quite linear in them.
+    // Each frame is drawn as often as any other; what is left is that the optimum is not quite linear in
+    // them.
     EXPECT_LT(moved.angle(), 0.005 * kDegree);
     EXPECT_LT(moved.distance(), 0.0015);
   } else {
@@ -394,15 +396,6 @@ TEST_F(BellWorld, AnOptimumStandsOutAndASlopeDoesNot) {
 }
 
 // --- calibrate() on scenes and on real frames ---
-
-CalibratorConfig edgesConfig() {
-  CalibratorConfig config;
-  config.objective.objective = "consistency_edges";
-  config.search.search = "coarse_to_fine";
-  config.range.rotation_deg = 2.5;
-  config.range.translation_m = 0.1;
-  return config;
-}
 
 Eigen::Isometry3d wrongStart(const Eigen::Isometry3d& truth) {
   Vector6d xi;

@@ -12,6 +12,7 @@
 #include "coarse_to_fine_search.hpp"
 #include "consistency_edges_objective.hpp"
 #include "dataset.hpp"
+#include "edges_config.hpp"
 #include "lidar_camera_recalibration/calibrator.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_edges.hpp"
@@ -572,15 +573,6 @@ TEST(ConsistencyEdgesEvaluator, ThinnedKeepsAnEvenShare) {
   EXPECT_EQ(evaluator->thinned(1000000).edgeCount(), evaluator->edgeCount());
   EXPECT_NEAR(thin.edgeScore(SyntheticScene::T_camera_lidar(), 0),
               evaluator->edgeScore(SyntheticScene::T_camera_lidar(), 0), 0.1);
-}
-
-CalibratorConfig edgesConfig() {
-  CalibratorConfig config;
-  config.objective.objective = "consistency_edges";
-  config.search.search = "coarse_to_fine";
-  config.range.rotation_deg = 2.5;
-  config.range.translation_m = 0.1;
-  return config;
 }
 
 TEST(CoarseToFineSearch, FindsTheTruthAndIsAccepted) {
