@@ -28,6 +28,11 @@ struct StoredCalibration {
 /// covariance and provenance.
 std::string toYaml(const StoredCalibration& calibration);
 
+/// T_camera_lidar as ROS wants it, the pose of the camera's optical frame (child) in the LiDAR frame
+/// (parent): a line for a shell, and a URDF <origin>.
+std::string staticTransformPublisher(const StoredCalibration& calibration);
+std::string urdfOrigin(const StoredCalibration& calibration);
+
 /// Reads T_camera_lidar and whatever else is there; other projects' files are read by readCalibrationFile().
 /// @throw Error(kFile) naming the file and what is wrong with it.
 StoredCalibration readCalibration(const std::string& path);

@@ -27,6 +27,7 @@
 #include "lidar_camera_recalibration/overlay.hpp"
 #include "lidar_camera_recalibration/result_file.hpp"
 #include "parameters.hpp"
+#include "report/report.hpp"
 #include "server.hpp"
 
 namespace lidar_camera_recalibration {
@@ -37,7 +38,7 @@ namespace {
 
 struct Options {
   std::vector<std::string> bags, assignments;
-  std::string config, out, out_format, overlay, json, reference, initial, intrinsics;
+  std::string config, out, out_format, overlay, report, json, reference, initial, intrinsics;
   FormatOptions hints;  ///< about calibration files
   InputTopics topics;
   int min_frames = 0;  ///< 0: as the parameters say
@@ -288,18 +289,14 @@ StoredCalibration stored(const CalibrationResult& result, const Options& options
 }
 
 /// Only this package's own format says whether the result was accepted; no other file gets a rejected one.
-void writeResult(const Options& options, const FormatOptions& hints, const CalibrationResult& result,
-                 const Intrinsics& intrinsics) {
-  const bool own = formatForWriting(options.out, hints).name == "yaml";
-  if (!result.accepted && !own) {
-    std::cout << "result: not written, " << options.out << " cannot say that it was rejected\n";
+void writeResult(const std::string& file, const CalibrationContents& contents, const FormatOptions& hints) {
+  const bool accepted = contents.calibration->accepted;
+  if (!accepted && formatForWriting(file, hints).name != "yaml") {
+    std::cout << "result: not written, " << file << " cannot say that it was rejected\n";
     return;
   }
-  CalibrationContents contents;
-  contents.calibration = stored(result, options);
-  contents.intrinsics = intrinsics;
-  writeCalibrationFile(options.out, contents, hints);
-  std::cout << "result: " << options.out << (result.accepted ? "" : " (says that it was rejected)") << '\n';
+  writeCalibrationFile(file, contents, hints);
+  std::cout << "result: " << file << (accepted ? "" : " (says that it was rejected)") << '\n';
 }
 
 void printError(const char* label, const ExtrinsicError& error) {
@@ -391,6 +388,7 @@ int calibrateBags(const Options& options) {
   const auto begin = std::chrono::steady_clock::now();
   ros::Time::init();
   ServerConfig config = serverConfig(options);
+  config.frames_keep_images = !options.report.empty();
   const Bags bags = openBags(options.bags);
   const InputTopics topics = inputTopics(bags, options);
   const FormatOptions hints = completed(options.hints, config, bags, topics);
@@ -405,10 +403,19 @@ int calibrateBags(const Options& options) {
   // Masks come late, and the transform is looked up at the stamp of their image.
   tf2::BufferCore tf(ros::Duration(2.0 * config.synchroniser.mask_timeout + 10.0));
   Feeder feeder(bags, topics, cameraFromFile(options, config), tf);
-  FramePtr newest;  // written by the server's thread, read when it is idle
+  // Written by the server's thread, read when it is idle.
+  FramePtr newest;
+  ReportInput report;
   ProgressBar progress;
   ServerOutputs outputs;
   outputs.kept = [&newest](const FramePtr& frame) { newest = frame; };
+  outputs.score = [&report](const CalibrationScore& score) {
+    report.images.push_back({score.header.stamp.toSec(), score.used != 0, score.reason});
+  };
+  outputs.outcome = [&report](const CalibrationOutcome& outcome, const Frames& frames) {
+    report.outcome = outcome;
+    report.frames = frames;
+  };
   outputs.state = [&progress](const RecalibrationState& state) {
     if (state.state == RecalibrationState::SEARCHING) progress.show("searching", state.progress);
   };
@@ -419,7 +426,17 @@ int calibrateBags(const Options& options) {
 
   print(result, reference);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-  if (!options.out.empty()) writeResult(options, out_hints, result, newest->camera.intrinsics());
+  report.contents.calibration = stored(result, options);
+  report.contents.intrinsics = newest->camera.intrinsics();
+  if (!options.out.empty()) writeResult(options.out, report.contents, out_hints);
+  if (!options.report.empty()) {
+    report.config = config.calibrator;
+    report.hints = hints;
+    report.given_up = droppedByCause(server.state());
+    report.reference = reference;
+    writeFileAtomically(options.report, reportHtml(report));
+    std::cout << "report: " << options.report << '\n';
+  }
   if (!options.json.empty()) writeFileAtomically(options.json, toJson(result, reference, seconds) + "\n");
   if (!options.overlay.empty()) writeOverlay(options.overlay, *newest, result, config);
   return result.accepted ? kExitOk : kExitRejected;
@@ -448,6 +465,8 @@ int calibrateBagMain(int argc, char** argv) {
       "the name, see convert_calibration --list")(
       "out-format", po::value(&options.out_format)->value_name("FORMAT"), "or by this")(
       "overlay", po::value(&options.overlay)->value_name("PNG"), "the newest frame before and after")(
+      "report", po::value(&options.report)->value_name("HTML"),
+      "one page with pictures, score, frames, numbers and lines to paste")(
       "json", po::value(&options.json)->value_name("FILE"), "summary for scripts")(
       "reference", po::value(&options.reference)->value_name("FILE[:FORMAT]"),
       "an extrinsic to compare with")("initial", po::value(&options.initial)->value_name("FILE[:FORMAT]"),

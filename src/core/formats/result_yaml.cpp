@@ -146,6 +146,19 @@ const Format kResultYaml = {"yaml",
                             read,
                             write};
 
+std::string staticTransformPublisher(const StoredCalibration& calibration) {
+  const Eigen::Isometry3d T_lidar_camera = calibration.T_camera_lidar.inverse();
+  return "rosrun tf2_ros static_transform_publisher " + numbers(T_lidar_camera.translation()) + " " +
+         numbers(quaternion(T_lidar_camera.linear())) + " " + calibration.lidar_frame + " " +
+         calibration.camera_frame;
+}
+
+std::string urdfOrigin(const StoredCalibration& calibration) {
+  const Eigen::Isometry3d T_lidar_camera = calibration.T_camera_lidar.inverse();
+  return "<origin xyz=\"" + numbers(T_lidar_camera.translation()) + "\" rpy=\"" +
+         numbers(rollPitchYaw(T_lidar_camera.linear())) + "\"/>";
+}
+
 std::string toYaml(const StoredCalibration& c) {
   YAML::Emitter out;
   out << YAML::BeginMap;

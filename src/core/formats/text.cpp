@@ -83,19 +83,6 @@ Eigen::Isometry3d poseFromQuaternion(const Eigen::Vector3d& xyz, const Eigen::Ve
   return T;
 }
 
-std::string staticTransformPublisher(const StoredCalibration& calibration) {
-  const Eigen::Isometry3d T_lidar_camera = calibration.T_camera_lidar.inverse();
-  return "rosrun tf2_ros static_transform_publisher " + numbers(T_lidar_camera.translation()) + " " +
-         numbers(quaternion(T_lidar_camera.linear())) + " " + calibration.lidar_frame + " " +
-         calibration.camera_frame;
-}
-
-std::string urdfOrigin(const StoredCalibration& calibration) {
-  const Eigen::Isometry3d T_lidar_camera = calibration.T_camera_lidar.inverse();
-  return "<origin xyz=\"" + numbers(T_lidar_camera.translation()) + "\" rpy=\"" +
-         numbers(rollPitchYaw(T_lidar_camera.linear())) + "\"/>";
-}
-
 Eigen::Matrix3d cameraMatrix(const Intrinsics& intrinsics) {
   Eigen::Matrix3d K;
   K << intrinsics.fx, 0.0, intrinsics.cx, 0.0, intrinsics.fy, intrinsics.cy, 0.0, 0.0, 1.0;

@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "lidar_camera_recalibration/camera.hpp"
-#include "lidar_camera_recalibration/result_file.hpp"
 
 namespace lidar_camera_recalibration {
 
@@ -39,11 +38,6 @@ Eigen::Isometry3d poseFromRpy(const Eigen::Vector3d& xyz, const Eigen::Vector3d&
 /// @param q  x y z w. @throw Error(kExtrinsic) if a number is not finite or the norm is further than 1e-3
 /// from 1.
 Eigen::Isometry3d poseFromQuaternion(const Eigen::Vector3d& xyz, const Eigen::Vector4d& q);
-
-/// T_camera_lidar as ROS wants it, the pose of the camera's optical frame (child) in the LiDAR frame
-/// (parent).
-std::string staticTransformPublisher(const StoredCalibration& calibration);
-std::string urdfOrigin(const StoredCalibration& calibration);
 
 /// The pinhole's 3x3 matrix.
 Eigen::Matrix3d cameraMatrix(const Intrinsics& intrinsics);
