@@ -44,7 +44,7 @@ Frames usedFrames(const ReportInput& input) {
 std::array<Slice, 6> slices(const ReportInput& input) {
   const Eigen::Isometry3d& result = input.outcome.T_camera_lidar;
   const auto evaluator = makeObjective(input.config.objective)->evaluator(usedFrames(input), {result});
-  const Vector6d start = log(input.outcome.start * result.inverse());
+  const ExtrinsicError start = extrinsicError(input.outcome.start, result);
   std::array<Slice, 6> slices;
   for (std::size_t axis = 0; axis < kAxes.size(); ++axis) {
     const Eigen::Index k = static_cast<Eigen::Index>(axis);
@@ -55,7 +55,7 @@ std::array<Slice, 6> slices(const ReportInput& input) {
       xi[k] = a.reach * a.si * step / kSteps;
       slice.scores.push_back((*evaluator)(exp(xi) * result).total);
     }
-    slice.start = start[k] / a.si;
+    slice.start = (k < 3 ? start.rotation[k] : start.translation[k - 3]) / a.si;
     if (input.outcome.covariance) slice.sigma = std::sqrt((*input.outcome.covariance)(k, k)) / a.si;
   }
   return slices;
@@ -96,8 +96,10 @@ void drawStart(std::ostream& out, const Scale& scale, double start, const char* 
   vertical(out, x, "start");
   const char* arrow = inside ? "" : start < 0.0 ? "\u2190 " : "";
   const char* arrow_behind = !inside && start > 0.0 ? " \u2192" : "";
-  const bool at_left = x < (kLeft + kRight) / 2.0;
-  text(out, at_left ? x + 4.0 : x - 4.0, kBottom - 6.0, at_left ? "start" : "end",
+  // Away from the result, where there is room.
+  constexpr double kRoom = 75.0;
+  const bool to_the_left = start < 0.0 ? x - kLeft > kRoom : kRight - x < kRoom;
+  text(out, to_the_left ? x - 4.0 : x + 4.0, kBottom - 6.0, to_the_left ? "end" : "start",
        arrow + std::string("start ") + signedFixed(start, unit[0] == ' ' ? 1 : 2) + unit + arrow_behind,
        "class=\"startText\"");
 }
