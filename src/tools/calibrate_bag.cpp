@@ -55,6 +55,7 @@ ServerConfig serverConfig(const Options& options) {
   // An offline run depends on what it is given and on nothing left from runs before.
   config.initial_from_saved = false;
   config.result_file.clear();
+  config.frames_keep_images = !options.report.empty();
   if (!options.hints.camera_frame.empty()) config.camera_frame = options.hints.camera_frame;
   if (!options.hints.lidar_frame.empty()) config.lidar_frame = options.hints.lidar_frame;
   if (options.min_frames > 0) {
@@ -384,13 +385,36 @@ void writeOverlay(const std::string& file, const Frame& frame, const Calibration
   std::cout << "overlay: " << file << '\n';
 }
 
+/// What the server says while it works. Written by its thread, read when it is idle.
+struct Record {
+  FramePtr newest;
+  ReportInput report;
+};
+
+ServerOutputs recording(Record& record, ProgressBar& progress) {
+  ServerOutputs outputs;
+  outputs.kept = [&record](const FramePtr& frame) { record.newest = frame; };
+  outputs.score = [&record](const CalibrationScore& score) {
+    record.report.images.push_back({score.header.stamp.toSec(), score.used != 0, score.reason});
+  };
+  outputs.outcome = [&record](const CalibrationOutcome& outcome, const Frames& frames) {
+    record.report.outcome = outcome;
+    record.report.frames = frames;
+  };
+  outputs.state = [&progress](const RecalibrationState& state) {
+    if (state.state == RecalibrationState::SEARCHING) progress.show("searching", state.progress);
+  };
+  return outputs;
+}
+
 int calibrateBags(const Options& options) {
   const auto begin = std::chrono::steady_clock::now();
   ros::Time::init();
   ServerConfig config = serverConfig(options);
-  config.frames_keep_images = !options.report.empty();
   const Bags bags = openBags(options.bags);
   const InputTopics topics = inputTopics(bags, options);
+
+  // Calibration files, before anything costs time.
   const FormatOptions hints = completed(options.hints, config, bags, topics);
   FormatOptions out_hints = hints;
   out_hints.format = options.out_format;
@@ -399,35 +423,23 @@ int calibrateBags(const Options& options) {
   if (!options.reference.empty()) reference = extrinsicArgument(options.reference, hints).T_camera_lidar;
   if (!options.initial.empty())
     config.initial_T_camera_lidar = extrinsicArgument(options.initial, hints).T_camera_lidar;
+  const std::optional<Intrinsics> camera = cameraFromFile(options, config);
 
   // Masks come late, and the transform is looked up at the stamp of their image.
   tf2::BufferCore tf(ros::Duration(2.0 * config.synchroniser.mask_timeout + 10.0));
-  Feeder feeder(bags, topics, cameraFromFile(options, config), tf);
-  // Written by the server's thread, read when it is idle.
-  FramePtr newest;
-  ReportInput report;
+  Feeder feeder(bags, topics, camera, tf);
   ProgressBar progress;
-  ServerOutputs outputs;
-  outputs.kept = [&newest](const FramePtr& frame) { newest = frame; };
-  outputs.score = [&report](const CalibrationScore& score) {
-    report.images.push_back({score.header.stamp.toSec(), score.used != 0, score.reason});
-  };
-  outputs.outcome = [&report](const CalibrationOutcome& outcome, const Frames& frames) {
-    report.outcome = outcome;
-    report.frames = frames;
-  };
-  outputs.state = [&progress](const RecalibrationState& state) {
-    if (state.state == RecalibrationState::SEARCHING) progress.show("searching", state.progress);
-  };
-  RecalibrationServer server(config, tf, "calibrate_bag", outputs);
+  Record record;
+  RecalibrationServer server(config, tf, "calibrate_bag", recording(record, progress));
   feeder.run(server, progress);
   const CalibrationResult result = calibrateFrames(server, config);
   progress.finish();
 
   print(result, reference);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  ReportInput& report = record.report;
   report.contents.calibration = stored(result, options);
-  report.contents.intrinsics = newest->camera.intrinsics();
+  report.contents.intrinsics = record.newest->camera.intrinsics();
   if (!options.out.empty()) writeResult(options.out, report.contents, out_hints);
   if (!options.report.empty()) {
     report.config = config.calibrator;
@@ -438,7 +450,7 @@ int calibrateBags(const Options& options) {
     std::cout << "report: " << options.report << '\n';
   }
   if (!options.json.empty()) writeFileAtomically(options.json, toJson(result, reference, seconds) + "\n");
-  if (!options.overlay.empty()) writeOverlay(options.overlay, *newest, result, config);
+  if (!options.overlay.empty()) writeOverlay(options.overlay, *record.newest, result, config);
   return result.accepted ? kExitOk : kExitRejected;
 }
 

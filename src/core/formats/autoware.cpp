@@ -26,7 +26,8 @@ constexpr std::array<const char*, 2> kFileNames = {"sensors_calibration.yaml", "
 constexpr const char* kFoot = "_base_link";
 
 bool isPose(const YAML::Node& node) {
-  return node.IsMap() && std::all_of(kKeys.begin(), kKeys.end(), [&](const char* key) { return node[key]; });
+  return node.IsMap() &&
+         std::all_of(kKeys.begin(), kKeys.end(), [&](const char* key) { return node[key].IsDefined(); });
 }
 
 Eigen::Isometry3d poseOf(const YAML::Node& node, const std::string& entry) {

@@ -113,7 +113,7 @@ bool isYamlMapWith(const std::string& text, std::initializer_list<const char*> k
   try {
     const YAML::Node root = YAML::Load(text);
     return root.IsMap() &&
-           std::all_of(keys.begin(), keys.end(), [&root](const char* key) { return root[key]; });
+           std::all_of(keys.begin(), keys.end(), [&root](const char* key) { return root[key].IsDefined(); });
   } catch (const YAML::Exception&) {
     return false;
   }
