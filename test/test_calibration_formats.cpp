@@ -474,6 +474,37 @@ TEST_F(CalibrationFormats, FaultsAreNamed) {
   }
 }
 
+TEST_F(CalibrationFormats, DamagedFilesAreRefusedOrRead) {
+  FormatOptions urdf;
+  urdf.camera_frame = "camera_optical_frame";
+  urdf.lidar_frame = "lidar";
+  std::size_t refused = 0, read = 0;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(kSamples)) {
+    if (!entry.is_regular_file() || entry.path().filename() == "calib_cam_to_cam.txt") continue;
+    const std::string whole = textOf(entry.path());
+    for (std::size_t at = 0; at < whole.size(); at += 13) {
+      std::string other = whole;
+      other[at] = static_cast<char>(whole[at] ^ 21);
+      for (const std::string& text : {whole.substr(0, at), other}) {
+        try {
+          const CalibrationContents contents = readCalibrationFile(
+              write("damaged", text), entry.path().extension() == ".urdf" ? urdf : autowareFrames());
+          if (contents.calibration) {
+            EXPECT_TRUE(contents.calibration->T_camera_lidar.matrix().allFinite())
+                << entry.path() << ' ' << at;
+          }
+          ++read;
+        } catch (const Error&) {
+          ++refused;
+        }
+      }
+    }
+  }
+  EXPECT_GT(refused, 500u);
+  EXPECT_GT(read, 100u);  // a digit more or less is no fault that could be seen
+  expectRefused(write("deep", std::string(100000, '[')), {}, "calibration file");
+}
+
 TEST_F(CalibrationFormats, UrdfFaultsAreNamed) {
   FormatOptions options;
   options.lidar_frame = "lidar";
