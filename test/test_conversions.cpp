@@ -288,7 +288,7 @@ TEST(ToPointCloud, ringOfAnyIntegerType) {
   EXPECT_TRUE(
       toPointCloud(makeCloud(xyzAnd({{"ring", PointField::UINT32}}), {{1, 0, 0, 70000}}), "").ring.empty());
   EXPECT_TRUE(
-      toPointCloud(makeCloud(xyzAnd({{"ring", PointField::FLOAT32}}), {{1, 0, 0, 1}}), "").ring.empty());
+      toPointCloud(makeCloud(xyzAnd({{"ring", PointField::FLOAT32}}), {{1, 0, 0, 1.5}}), "").ring.empty());
 }
 
 TEST(ToPointCloud, organisedCloudWithPaddedRows) {

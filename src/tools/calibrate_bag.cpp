@@ -17,6 +17,7 @@
 #include <optional>
 
 #include "bag_topics.hpp"
+#include "cameras.hpp"
 #include "command_line.hpp"
 #include "frame_builder.hpp"
 #include "lidar_camera_recalibration/error.hpp"
@@ -32,7 +33,7 @@ namespace po = boost::program_options;
 namespace {
 
 struct Options {
-  std::vector<std::string> bags, assignments;
+  std::vector<std::string> bags, assignments, cameras;
   std::string config, out, overlay, json, reference, initial, camera_frame, lidar_frame;
   InputTopics topics;
   int min_frames = 0;  ///< 0: as the parameters say
@@ -60,9 +61,11 @@ ServerConfig serverConfig(const Options& options) {
   return config;
 }
 
-InputTopics inputTopics(const Bags& bags, const Options& options) {
+InputTopics inputTopics(const Bags& bags, const Options& options, const ServerConfig& config) {
   const std::vector<BagTopic> present = topicsOf(bags);
-  const InputTopics topics = guessTopics(present, options.topics);
+  InputTopics topics = guessTopics(present, firstOf(options.topics, config.topics));
+  const bool info_from_file = !config.camera_info_file.empty();
+  if (info_from_file) topics.camera_info.clear();
   std::string list;
   for (const BagTopic& topic : present) list += "\n  " + topic.name + "  " + topic.type;
   const auto require = [&](const std::string& topic, const std::string& option) {
@@ -75,11 +78,12 @@ InputTopics inputTopics(const Bags& bags, const Options& options) {
                     "; name the topic with --" + option + ". The topics are:" + list);
   };
   require(topics.image, "image");
-  require(topics.camera_info, "camera-info");
+  if (!info_from_file) require(topics.camera_info, "camera-info");
   require(topics.points, "points");
   require(topics.masks, "masks");
-  std::cerr << "image " << topics.image << ", camera_info " << topics.camera_info << ", points "
-            << topics.points << ", masks " << topics.masks << '\n';
+  std::cerr << "image " << topics.image << ", camera_info "
+            << (info_from_file ? config.camera_info_file : topics.camera_info) << ", points " << topics.points
+            << ", masks " << topics.masks << '\n';
   return topics;
 }
 
@@ -144,7 +148,7 @@ class Feeder {
   void feed(RecalibrationServer& server, const rosbag::MessageInstance& message) {
     const std::string& topic = message.getTopic();
     if (topic == topics_.image || topic == topics_.masks) {
-      const sensor_msgs::ImageConstPtr image = decoded(message);
+      const sensor_msgs::ImageConstPtr image = decoded(message, topic == topics_.masks);
       if (!image) return;
       if (topic == topics_.image) {
         server.addImage(image);
@@ -159,9 +163,9 @@ class Feeder {
   }
 
   /// One unreadable image is no reason to stop, but one to speak.
-  static sensor_msgs::ImageConstPtr decoded(const rosbag::MessageInstance& message) {
+  static sensor_msgs::ImageConstPtr decoded(const rosbag::MessageInstance& message, bool masks) {
     try {
-      return imageFrom(message);
+      return masks ? masksFrom(message) : imageFrom(message);
     } catch (const Error& error) {
       std::cerr << message.getTopic() << ": " << error.what() << '\n';
       return nullptr;
@@ -319,14 +323,14 @@ void writeOverlay(const std::string& file, const Frame& frame, const Calibration
   std::cout << "overlay: " << file << '\n';
 }
 
-int calibrateBags(const Options& options) {
+int calibrateCamera(const Options& options) {
   const auto begin = std::chrono::steady_clock::now();
   ros::Time::init();
   const ServerConfig config = serverConfig(options);
   std::optional<Eigen::Isometry3d> reference;
   if (!options.reference.empty()) reference = readCalibration(options.reference).T_camera_lidar;
   const Bags bags = openBags(options.bags);
-  const InputTopics topics = inputTopics(bags, options);
+  const InputTopics topics = inputTopics(bags, options, config);
 
   // Masks come late, and the transform is looked up at the stamp of their image.
   tf2::BufferCore tf(ros::Duration(2.0 * config.synchroniser.mask_timeout + 10.0));
@@ -352,6 +356,36 @@ int calibrateBags(const Options& options) {
   if (!options.json.empty()) writeFileAtomically(options.json, toJson(result, reference, seconds) + "\n");
   if (!options.overlay.empty()) writeOverlay(options.overlay, *newest, result, config);
   return result.accepted ? kExitOk : kExitRejected;
+}
+
+/// The options of one of several cameras.
+Options optionsOf(const CameraOption& camera, Options options) {
+  options.assignments.insert(options.assignments.end(), camera.assignments.begin(), camera.assignments.end());
+  options.topics = camera.topics;
+  for (std::string* file :
+       {&options.out, &options.overlay, &options.json, &options.initial, &options.reference})
+    *file = fileOf(camera, *file);
+  return options;
+}
+
+/// One camera after the other; one that fails is no reason to leave out the rest.
+int calibrateBags(const Options& options) {
+  const std::vector<CameraOption> cameras = parseCameras(options.cameras, options.topics);
+  if (options.cameras.empty()) return calibrateCamera(options);
+  std::vector<int> statuses;
+  for (const CameraOption& camera : cameras) {
+    std::cout << "camera " << camera.name << std::endl;
+    try {
+      statuses.push_back(calibrateCamera(optionsOf(camera, options)));
+    } catch (const std::exception& error) {
+      std::cerr << "camera " << camera.name << ": " << error.what() << '\n';
+      statuses.push_back(kExitInput);
+    }
+  }
+  for (const int status : {kExitInput, kExitRejected}) {
+    if (std::count(statuses.begin(), statuses.end(), status) > 0) return status;
+  }
+  return kExitOk;
 }
 
 }  // namespace
@@ -383,6 +417,7 @@ int calibrateBagMain(int argc, char** argv) {
       "min-frames", atLeast(1, &options.min_frames, "min-frames")->value_name("N"),
       "default: the parameter frames/min");
   addTopicOptions(line.options, options.topics);
+  addCameraOption(line.options, options.cameras);
   return runTool(argc, argv, line, [&options](const po::variables_map&) { return calibrateBags(options); });
 }
 
