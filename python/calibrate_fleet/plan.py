@@ -17,6 +17,13 @@ def expression(pattern):
     return re.compile("".join(parts.get(word, re.escape(word)) for word in words) + r"\Z")
 
 
+def name_of(path, vehicle):
+    """@return VEHICLE/BAG, whatever the layout of the folder is"""
+    words = [re.sub(r"[^\w.-]+", "_", word) for word in (vehicle, path.with_suffix("").as_posix().replace("/", "_"))]
+    own = words[1][len(words[0]) + 1:] if words[1].startswith(words[0] + "_") else ""
+    return "{}/{}".format(words[0], own or words[1])
+
+
 def find_runs(folder, pattern):
     """@return runs, a list of {name, vehicle, bag} in the order of the names, and the bags that the pattern does not fit"""
     expected = expression(pattern)
@@ -30,10 +37,13 @@ def find_runs(folder, pattern):
         if match is None:
             others.append(bag)
             continue
-        # A name is a path of its own below the vehicle, whatever else the folder's layout is.
-        stem = re.sub(r"[^\w.-]+", "_", relative.with_suffix("").as_posix().replace("/", "_"))
-        runs.append({"name": "{}/{}".format(match.group("vehicle"), stem), "vehicle": match.group("vehicle"),
-                     "bag": str(bag.resolve())})
+        vehicle = match.group("vehicle")
+        runs.append({"name": name_of(relative, vehicle), "vehicle": vehicle, "bag": str(bag.resolve())})
+    seen = set()
+    for run in runs:
+        if run["name"] in seen:
+            raise PlanError("{}: another bag would have the same name, {}; rename one".format(run["bag"], run["name"]))
+        seen.add(run["name"])
     if not runs:
         raise PlanError("{}: no bag fits the pattern {}, e.g. {}; name your layout with --vehicle, such as '{{vehicle}}/**' "
                         "or '{{vehicle}}_*.bag'".format(folder, pattern, others[0].relative_to(folder)))
