@@ -41,8 +41,11 @@ def work_off(plan, cores, options):
                "params", "--quiet", "rules", "--cores", str(cores)] + shlex.split(options)
     with (plan.parent / "engine.log").open("a") as log:
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        for line in process.stdout:
-            log.write(line)
-            if "steps (" in line:
-                print(line.strip(), file=sys.stderr, flush=True)
+        try:
+            for line in process.stdout:
+                log.write(line)
+                if "steps (" in line:
+                    print(line.strip(), file=sys.stderr, flush=True)
+        except KeyboardInterrupt:
+            pass  # Snakemake heard it as well and ends its tasks
     return process.wait() == 0

@@ -96,7 +96,7 @@ def report(all_trends, others, runs, out):
             trend.vehicle, trend.verdict, since, trend.accepted, trend.rejected, trend.failed))
     recorded = {run.name for run in read_runs(out / "runs")}
     problems = [(run.bag, run.reason) for trend in all_trends for run in trend.runs if run.status == "failed"]
-    problems += [(run["bag"], "the task died, the next call tries again; see {}".format(
+    problems += [(run["bag"], "its task did not finish, the next call tries again; see {}".format(
         out / "logs" / (run["name"] + ".log"))) for run in runs if run["name"] not in recorded]
     problems += [(bag, "its path does not fit --vehicle") for bag in others]
     if problems:
@@ -116,7 +116,9 @@ def main(argv):
         write_plan(plan, runs, program(options.calibrate_bag), words)
         if options.retry_failed:
             forget_failed(out / "runs")
-        work_off(plan, options.cores, options.engine)
+        if not work_off(plan, options.cores, options.engine):
+            print("calibrate_fleet: Snakemake did not finish all tasks, see {}; if it speaks of a lock that a killed call left, "
+                  "call once with --engine=--unlock".format(out / "engine.log"), file=sys.stderr)
     except (PlanError, EngineError, OSError) as problem:
         print("calibrate_fleet: {}".format(problem), file=sys.stderr)
         return BAD_INPUT
