@@ -362,9 +362,8 @@ int calibrateCamera(const Options& options) {
 Options optionsOf(const CameraOption& camera, Options options) {
   options.assignments.insert(options.assignments.end(), camera.assignments.begin(), camera.assignments.end());
   options.topics = camera.topics;
-  for (std::string* file :
-       {&options.out, &options.overlay, &options.json, &options.initial, &options.reference})
-    *file = fileOf(camera, *file);
+  for (std::string* file : {&options.out, &options.overlay, &options.json}) *file = fileOf(camera, *file);
+  for (std::string* file : {&options.initial, &options.reference}) *file = inputFileOf(camera, *file);
   return options;
 }
 

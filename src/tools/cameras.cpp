@@ -84,4 +84,10 @@ std::string fileOf(const CameraOption& camera, const std::string& file) {
   return path.string();
 }
 
+std::string inputFileOf(const CameraOption& camera, const std::string& file) {
+  const std::string own = fileOf(camera, file);
+  std::error_code ignored;
+  return std::filesystem::exists(own, ignored) ? own : file;
+}
+
 }  // namespace lidar_camera_recalibration

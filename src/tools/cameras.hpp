@@ -28,4 +28,7 @@ std::vector<CameraOption> parseCameras(const std::vector<std::string>& words, co
 /// stays empty.
 std::string fileOf(const CameraOption& camera, const std::string& file);
 
+/// The same of a file to be read, where there is one; else the file itself, which then holds for all cameras.
+std::string inputFileOf(const CameraOption& camera, const std::string& file);
+
 }  // namespace lidar_camera_recalibration
