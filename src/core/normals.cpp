@@ -55,8 +55,9 @@ LCR_MULTIVERSION float squaredDistances(const float* x, const float* y, const fl
 }
 
 // Squared distances from a box around the origin, of half the sides hx, hy, hz.
-LCR_MULTIVERSION void squaredDistancesFromBox(const float* x, const float* y, const float* z, std::size_t size,
-                                              float hx, float hy, float hz, float* __restrict squared) {
+LCR_MULTIVERSION void squaredDistancesFromBox(const float* x, const float* y, const float* z,
+                                              std::size_t size, float hx, float hy, float hz,
+                                              float* __restrict squared) {
 #pragma omp simd
   for (std::size_t k = 0; k < size; ++k) {
     float dx = std::abs(x[k]) - hx, dy = std::abs(y[k]) - hy, dz = std::abs(z[k]) - hz;
