@@ -50,7 +50,7 @@ struct EdgePoints {
     kReflectivity,  ///< step of the reflectivity along a ring
   };
   std::vector<float> x, y, z;  ///< [m], on the nearer side
-  std::vector<float> weight;   ///< how clear; 0..1, the samples of one ring gap together
+  std::vector<float> weight;   ///< how clear, the samples of one ring gap together; less in a crowd; 0..1
   std::vector<Kind> kind;
 
   std::size_t size() const { return x.size(); }
