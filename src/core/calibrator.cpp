@@ -1,6 +1,7 @@
 #include "lidar_camera_recalibration/calibrator.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -8,6 +9,7 @@
 #include "confidence.hpp"
 #include "consensus.hpp"
 #include "lidar_camera_recalibration/error.hpp"
+#include "parallel.hpp"
 #include "progress_part.hpp"
 #include "search_space.hpp"
 
@@ -24,12 +26,12 @@ std::string format(const char* pattern, Values... values) {
 
 /// Share of the frames whose own score is higher at `b` than at `a`.
 double frameAgreement(const Objective& objective, const Frames& frames, const Eigen::Isometry3d& a,
-                      const Eigen::Isometry3d& b) {
-  std::size_t better = 0;
-  for (const FramePtr& frame : frames) {
-    const std::unique_ptr<Evaluator> evaluator = objective.evaluator({frame}, {a, b});
+                      const Eigen::Isometry3d& b, int threads) {
+  std::atomic<std::size_t> better{0};
+  parallelFor(frames.size(), static_cast<std::size_t>(threads), [&](std::size_t, std::size_t i) {
+    const std::unique_ptr<Evaluator> evaluator = objective.evaluator({frames[i]}, {a, b});
     better += (*evaluator)(b).total > (*evaluator)(a).total;
-  }
+  });
   return static_cast<double>(better) / static_cast<double>(frames.size());
 }
 
@@ -142,9 +144,8 @@ void judge(CalibrationOutcome& result, const CalibratorConfig& config) {
 
 }  // namespace
 
-double validityIndex(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar) {
-  const double here = evaluator(T_camera_lidar).total;
-  int worse = 0, count = 0;
+double validityIndex(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar, int threads) {
+  std::vector<Eigen::Isometry3d> extrinsics{T_camera_lidar};
   for (int axis = 0; axis < 6; ++axis) {
     const std::array<double, 2> steps =
         axis < 3 ? std::array<double, 2>{0.5 * kDegree, 1.0 * kDegree} : std::array<double, 2>{0.1, 0.2};
@@ -152,28 +153,33 @@ double validityIndex(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lid
       for (const double sign : {-1.0, 1.0}) {
         Vector6d xi = Vector6d::Zero();
         xi[axis] = sign * step;
-        worse += evaluator(exp(xi) * T_camera_lidar).total < here;
-        ++count;
+        extrinsics.push_back(exp(xi) * T_camera_lidar);
       }
     }
   }
-  return static_cast<double>(worse) / count;
+  const std::vector<Score> scores = evaluator.scores(extrinsics, threads);
+  const auto worse = std::count_if(scores.begin() + 1, scores.end(),
+                                   [&](const Score& score) { return score.total < scores.front().total; });
+  return static_cast<double>(worse) / static_cast<double>(scores.size() - 1);
 }
 
-double distinctness(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar) {
+double distinctness(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar, int threads) {
   constexpr int kSteps = 2;
   constexpr double kStep = 2.0 * kDegree;
-  double sum = 0.0, squares = 0.0;
-  int count = 0;
+  std::vector<Eigen::Isometry3d> extrinsics{T_camera_lidar};
   for (const Eigen::Isometry3d& T : rotationGrid(T_camera_lidar, kSteps, kStep)) {
     if (extrinsicError(T, T_camera_lidar).angle() < 0.5 * kStep) continue;  // the middle of the grid
-    const double score = evaluator(T).total;
-    sum += score;
-    squares += score * score;
-    ++count;
+    extrinsics.push_back(T);
   }
+  const std::vector<Score> scores = evaluator.scores(extrinsics, threads);
+  double sum = 0.0, squares = 0.0;
+  for (std::size_t i = 1; i < scores.size(); ++i) {
+    sum += scores[i].total;
+    squares += scores[i].total * scores[i].total;
+  }
+  const auto count = static_cast<double>(scores.size() - 1);
   const double mean = sum / count, sigma = std::sqrt(std::max(0.0, squares / count - mean * mean));
-  return sigma > 0.0 ? (evaluator(T_camera_lidar).total - mean) / sigma : 0.0;
+  return sigma > 0.0 ? (scores.front().total - mean) / sigma : 0.0;
 }
 
 CalibrationOutcome calibrate(const Frames& frames, const Eigen::Isometry3d& start,
@@ -215,12 +221,13 @@ CalibrationOutcome calibrate(const Frames& frames, const Eigen::Isometry3d& star
   result.before = (*evaluator)(start);
   result.after = (*evaluator)(result.T_camera_lidar);
   if (!result.cancelled) {
-    result.validity = validityIndex(*evaluator, result.T_camera_lidar);
+    result.validity = validityIndex(*evaluator, result.T_camera_lidar, config.search.threads);
     if (objective->isPeaked()) {
       const std::unique_ptr<Evaluator> around = objective->evaluator(used, {result.T_camera_lidar});
-      result.distinctness = distinctness(*around, result.T_camera_lidar);
+      result.distinctness = distinctness(*around, result.T_camera_lidar, config.search.threads);
     }
-    result.frame_agreement = frameAgreement(*objective, used, start, result.T_camera_lidar);
+    result.frame_agreement =
+        frameAgreement(*objective, used, start, result.T_camera_lidar, config.search.threads);
   }
   const Intrinsics& camera = frames.front()->camera.intrinsics();
   for (std::size_t i = 0; i < kShiftDistances.size(); ++i) {
