@@ -71,7 +71,7 @@ TEST_F(OfflineToolsTest, RealFramesAreCalibrated) {
 TEST_F(OfflineToolsTest, RejectedResultsSaySo) {
   NEEDS_DATA;
   const Finished run = call(
-      "calibrate_bag k.bag --initial k.truth.yaml --out rejected.yaml --min-frames 2 --set gate/min_gain=0.9"
+      "calibrate_bag k.bag --initial k.truth.yaml --out rejected.yaml --min-frames 2 --set gate/min_distinctness=100"
       " --set search_range/rotation_deg=0.5");
   EXPECT_EQ(run.status, 3) << run.output;
   const StoredCalibration result = readCalibration(path("rejected.yaml"));
