@@ -186,7 +186,7 @@ TEST_F(DatasetTest, WrongSizesAreRefusedByName) {
 TEST_F(DatasetTest, BrokenKittiCalibration) {
   writeOdometry();
   write("calib.txt", "P2: 1 2 3\n");
-  expectContains(refusal([&] { open(); }), "calib.txt\": \"P2:\" has 3 numbers, 12 are expected");
+  expectContains(refusal([&] { open(); }), "calib.txt': \"P2:\" has 3 numbers, 12 are expected");
   write("calib.txt", "P0: 1 2 3\n");
   expectContains(refusal([&] { open(); }), "no line \"P2:\"");
   std::string sheared = kOdometryCalib;
@@ -260,7 +260,7 @@ TEST_F(DatasetTest, MissingRawCalibrationIsNamed) {
   writeRaw();
   fs::remove(root_ / "calib_velo_to_cam.txt");
   expectContains(refusal([&] { open("2011_09_26_drive_0005_sync"); }),
-                 "calib_velo_to_cam.txt\": there is no such file");
+                 "calib_velo_to_cam.txt': No such file");
 }
 
 // --- CalibAnything ---
@@ -275,6 +275,28 @@ void DatasetTest::writeCalibAnything(const std::string& changes) const {
                           (changes.empty() ? R"(, "file_name": ["a", "b"])" : ", " + changes) + "}");
   for (const char* name : {"a", "b"}) writeImage(std::string("pictures/") + name + ".png");
   fs::create_directories(root_ / "pc");
+}
+
+TEST_F(DatasetTest, CalibAnythingAndItsFaults) {
+  writeCalibAnything();
+  EXPECT_EQ(open()->reference()->translation(), Eigen::Vector3d(4, 5, 6));  // what the file says to be true
+  EXPECT_EQ(open()->intrinsics().fy, 110.0);
+  EXPECT_EQ(open()->intrinsics().distortion.size(), 5u);
+  const std::string whole = readText(root_ / "calib.json");
+  const auto refused = [&](const std::string& before, const std::string& after) {
+    std::string text = whole;
+    text.replace(text.find(before), before.size(), after);
+    write("calib.json", text);
+    return refusal([&] { open(); });
+  };
+  expectContains(refused("\"cam_K\"", "\"K\""), "calib.json\": the key cam_K is missing");
+  expectContains(refused("[0, 110, 3]", "[0, 110]"), "cam_K is not 3x3");
+  expectContains(refused("\"file_name\"", "\"names\""), "the key file_name is missing");
+  expectContains(refused("{", "["), "calib.json\": [json");
+}
+
+TEST_F(DatasetTest, BrokenCloudsAndImages) {
+  writeCalibAnything();
   // PCL would set all of that memory aside before it returned the header.
   const std::vector<std::string> too_much = {"COUNT 1 1 1\nWIDTH 4000000000\nHEIGHT 1\nPOINTS 4000000000",
                                              "COUNT 1 1 1\nWIDTH 100000\nHEIGHT 100000\nPOINTS 3",

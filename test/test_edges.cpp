@@ -12,6 +12,7 @@
 #include "coarse_to_fine_search.hpp"
 #include "consistency_edges_objective.hpp"
 #include "dataset.hpp"
+#include "edge_weights.hpp"
 #include "edges_config.hpp"
 #include "lidar_camera_recalibration/calibrator.hpp"
 #include "lidar_camera_recalibration/error.hpp"
@@ -55,6 +56,35 @@ LidarFeatures featuresOf(const PointCloud& cloud) {
   for (const auto& p : cloud.points) features.segment.push_back(p.x() < 10.0f);
   features.segment_count = 2;
   return features;
+}
+
+/// Ten edges of one kind behind the LiDAR, a hundredth of a degree apart across the seam of the azimuth; one
+/// of another kind among them, and one far away.
+EdgePoints crowdAndTwoAlone() {
+  EdgePoints edges;
+  const auto add = [&](double azimuth_deg, Kind kind) {
+    edges.x.push_back(static_cast<float>(20.0 * std::cos(azimuth_deg * kDegree)));
+    edges.y.push_back(static_cast<float>(20.0 * std::sin(azimuth_deg * kDegree)));
+    edges.z.push_back(-1.0f);
+    edges.weight.push_back(1.0f);
+    edges.kind.push_back(kind);
+  };
+  for (int i = 0; i < 10; ++i) add(179.955 + 0.01 * i, Kind::kAzimuthGap);
+  add(180.0, Kind::kReflectivity);
+  add(150.0, Kind::kAzimuthGap);
+  return edges;
+}
+
+TEST(EdgeWeights, ACrowdOfEdgesIsWorthAFewSingleOnes) {
+  EdgePoints edges = crowdAndTwoAlone();
+  shareWeights(edges);
+  ASSERT_EQ(12u, edges.weight.size());
+  for (int i = 0; i < 10; ++i) EXPECT_FLOAT_EQ(1.0f / 6.0f, edges.weight[i]);
+  EXPECT_FLOAT_EQ(1.0f / 1.5f, edges.weight[10]) << "another kind";
+  EXPECT_FLOAT_EQ(1.0f / 1.5f, edges.weight[11]) << "far away";
+  EdgePoints none;
+  shareWeights(none);
+  EXPECT_EQ(0u, none.size());
 }
 
 TEST(LidarEdges, LieOnTheOutlineOfTheNearerSurface) {

@@ -63,7 +63,7 @@ TEST(Gate, AcceptsWhatUnseenFramesConfirm) {
 TEST(Gate, SaysWhyItRefuses) {
   expectRefused("no LiDAR point falls into any mask", [](auto& outcome) { outcome.after.masks = 0; });
   expectRefused("stands out by only 2.5", [](auto& outcome) { outcome.unseen.distinctness = 2.5; });
-  expectRefused("stands out by only nan", [](auto& outcome) { outcome.unseen.distinctness = std::nan(""); });
+  expectRefused("stands out by only", [](auto& outcome) { outcome.unseen.distinctness = std::nan(""); });
   expectRefused("rises by 0.2500 +- 0.2000", [](auto& outcome) { outcome.unseen.gain_sigma = 0.2; });
   expectRefused("rises by -0.1000 +- 0.0300", [](auto& outcome) { outcome.unseen.gain = -0.1; });
   expectRefused("rises by 0.0000 +- 0.0000",

@@ -14,6 +14,7 @@
 
 #include "conversions.hpp"
 #include "dataset.hpp"
+#include "lidar_camera_recalibration/calibration_formats.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
 #include "lidar_camera_recalibration/result_file.hpp"
 #include "perturbation.hpp"
@@ -41,7 +42,7 @@ TEST_F(OfflineToolsTest, RealFramesAreCalibrated) {
       "calibrate_bag k.bag --reference k.truth.yaml --out r.yaml --overlay o.png --json s.json --set "
       "threads=2");
   ASSERT_EQ(run.status, 0) << run.output;
-  const Eigen::Isometry3d reference = readCalibration((data() / "calib.json").string()).T_camera_lidar;
+  const Eigen::Isometry3d reference = readExtrinsic((data() / "calib.json").string()).T_camera_lidar;
   const StoredCalibration result = readCalibration(path("r.yaml"));
   EXPECT_TRUE(result.accepted);
   EXPECT_EQ(result.frames, 5u);
@@ -77,6 +78,68 @@ TEST_F(OfflineToolsTest, RejectedResultsSaySo) {
   const StoredCalibration result = readCalibration(path("rejected.yaml"));
   EXPECT_FALSE(result.accepted);
   EXPECT_FALSE(result.reason.empty());
+}
+
+TEST_F(OfflineToolsTest, OtherProjectsFilesBeginAndEndIt) {
+  NEEDS_DATA;
+  const std::string quick = "calibrate_bag k.bag --set search_range/rotation_deg=2 --set threads=2 ";
+  const std::string autoware =
+      " --camera-frame camera0/camera_optical_link --lidar-frame velodyne_top --lidar-height 0.06611 ";
+  const std::string reference = (data() / "calib.json").string();
+  // The start from CalibAnything's file, the camera from Kalibr's, the result into Autoware's.
+  ASSERT_EQ(call("convert_calibration '" + reference + "' k_camchain.yaml").status,
+            1);  // it has no image size
+  std::ofstream(path("k_camchain.yaml"))
+      << "cam0: {camera_model: pinhole, intrinsics: [718.856, 718.856, 607.1928, 185.2157], "
+         "distortion_model: "
+         "radtan, distortion_coeffs: [0, 0, 0, 0], resolution: [1241, 376]}\n";
+  CalibrationContents start = readCalibrationFile(reference);
+  start.calibration->T_camera_lidar = perturbedBy(start.calibration->T_camera_lidar, 1.0 * kDegree, 0.05, 4);
+  FormatOptions calib_anything;
+  calib_anything.format = "calib_anything";
+  writeCalibrationFile(path("start.json"), start, calib_anything);
+  const Finished run = call(
+      quick +
+      "--initial start.json:calib_anything --intrinsics k_camchain.yaml --out sensor_kit_calibration.yaml" +
+      autoware);
+  ASSERT_EQ(run.status, 0) << run.output;
+  FormatOptions frames;
+  frames.camera_frame = "camera0/camera_optical_link";
+  frames.lidar_frame = "velodyne_top";
+  frames.lidar_height = 0.06611;
+  const StoredCalibration result = readExtrinsic(path("sensor_kit_calibration.yaml"), frames);
+  const ExtrinsicError error = extrinsicError(result.T_camera_lidar, readExtrinsic(reference).T_camera_lidar);
+  EXPECT_LT(error.angle(), 0.2 * kDegree);
+  EXPECT_LT(error.distance(), 0.06);
+
+  // Autoware -> KITTI -> own YAML is still the same.
+  ASSERT_EQ(call("convert_calibration sensor_kit_calibration.yaml calib_velo_to_cam.txt" + autoware).status,
+            0);
+  const Finished back =
+      call("convert_calibration calib_velo_to_cam.txt back.yaml --lidar-frame velodyne_top");
+  ASSERT_EQ(back.status, 0) << back.output;
+  EXPECT_NE(back.output.find("calib_cam_to_cam.txt"), std::string::npos) << back.output;
+  EXPECT_TRUE(readCalibration(path("back.yaml")).T_camera_lidar.isApprox(result.T_camera_lidar, 1e-9));
+
+  // A rejected one does not get into a file that cannot say so.
+  const Finished rejected =
+      call(quick + "--initial '" + reference + "' --set gate/min_distinctness=100 --out r.urdf");
+  EXPECT_EQ(rejected.status, 3) << rejected.output;
+  EXPECT_FALSE(fs::exists(path("r.urdf")));
+  // What cannot be written in the end is said before the search.
+  const Finished impossible = call(quick + "--out sensor_kit_calibration.yaml --lidar-frame other");
+  EXPECT_EQ(impossible.status, 1);
+  EXPECT_NE(impossible.output.find("no entry for the camera frame"), std::string::npos) << impossible.output;
+  EXPECT_EQ(impossible.output.find("searching"), std::string::npos);
+}
+
+TEST_F(OfflineToolsTest, ConvertCalibrationListsItsFormats) {
+  const Finished list = call("convert_calibration --list");
+  EXPECT_EQ(list.status, 0);
+  for (const FormatDescription& format : calibrationFormats())
+    EXPECT_NE(list.output.find(format.name + " "), std::string::npos) << list.output;
+  EXPECT_EQ(call("convert_calibration one").status, 2);
+  EXPECT_EQ(call("convert_calibration nowhere a.yaml").status, 1);
 }
 
 TEST_F(OfflineToolsTest, TooFewFrames) {

@@ -72,6 +72,17 @@ struct CalibrationOutcome {
   double duration = 0.0;  ///< wall time of the search [s]
 };
 
+/// One thing that a result is asked, for people.
+struct GateCheck {
+  std::string what, measured, needed;
+  bool passed;
+  std::string objection;  ///< a sentence without full stop, in case it is not passed
+};
+
+/// All that a result is asked, in the order in which it counts: the first one that it does not pass is the
+/// reason of the rejection.
+std::vector<GateCheck> gateChecks(const CalibrationOutcome& result, const CalibratorConfig& config);
+
 /// Share of a fixed pattern of perturbations (+-0.5 and 1 deg, +-10 and 20 cm on each axis) that scores worse
 /// than T: 1 at a clean optimum, about 0.5 at an arbitrary place.
 double validityIndex(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar);

@@ -50,7 +50,7 @@ struct EdgePoints {
     kReflectivity,  ///< step of the reflectivity along a ring
   };
   std::vector<float> x, y, z;  ///< [m], on the nearer side
-  std::vector<float> weight;   ///< how clear; 0..1, the samples of one ring gap together
+  std::vector<float> weight;   ///< how clear, the samples of one ring gap together; less in a crowd; 0..1
   std::vector<Kind> kind;
   double ring_step = 0.0;  ///< median angle from ring to ring [rad]; 0 without rings
 

@@ -30,7 +30,7 @@ struct ObjectiveConfig {
 
   // Of `consistency_edges`; 0 leaves a term out.
   double weight_azimuth_gap = 1.0;        ///< steps of the range along a ring
-  double weight_ring_gap = 0.5;           ///< steps of the range from ring to ring, which are less exact
+  double weight_ring_gap = 1.0;           ///< steps of the range from ring to ring, which are less exact
   double weight_reflectivity_step = 1.0;  ///< steps of the reflectivity along a ring
   double weight_region = 1.0;             ///< of Score::region beside Score::edges
 

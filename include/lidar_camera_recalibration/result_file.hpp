@@ -5,6 +5,7 @@
 #include <string>
 
 #include "lidar_camera_recalibration/extrinsic.hpp"
+#include "lidar_camera_recalibration/files.hpp"
 
 namespace lidar_camera_recalibration {
 
@@ -27,16 +28,16 @@ struct StoredCalibration {
 /// covariance and provenance.
 std::string toYaml(const StoredCalibration& calibration);
 
-/// Reads T_camera_lidar and whatever else is there; also accepts CalibAnything's calib.json
-/// (`T_lidar_to_cam`).
+/// T_camera_lidar as ROS wants it, the pose of the camera's optical frame (child) in the LiDAR frame
+/// (parent): a line for a shell, and a URDF <origin>.
+std::string staticTransformPublisher(const StoredCalibration& calibration);
+std::string urdfOrigin(const StoredCalibration& calibration);
+
+/// Reads T_camera_lidar and whatever else is there; other projects' files are read by readCalibrationFile().
 /// @throw Error(kFile) naming the file and what is wrong with it.
 StoredCalibration readCalibration(const std::string& path);
 
-/// Writes to a temporary file beside it and renames, so that a reader never sees half a file.
-/// @throw Error(kFile) with the system's reason; the old file is then untouched.
+/// Whole or not at all, see writeFileAtomically(). @throw Error(kFile)
 void writeCalibration(const std::string& path, const StoredCalibration& calibration);
-
-/// writeCalibration's way for any text.
-void writeFileAtomically(const std::string& path, const std::string& text);
 
 }  // namespace lidar_camera_recalibration

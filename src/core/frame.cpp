@@ -7,6 +7,7 @@
 #include <string>
 
 #include "boundary_field.hpp"
+#include "edge_weights.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
 #include "lidar_edges.hpp"
@@ -179,6 +180,7 @@ FramePtr makeFrame(double stamp, const Camera& camera, const cv::Mat& image,
   std::shared_ptr<const BoundaryField> borders;
   if (config.edges) {
     edges = findLidarEdges(cropped, features, config.cull_hidden ? visible : std::vector<std::uint8_t>());
+    shareWeights(edges);
     borders =
         std::make_shared<const BoundaryField>(maskBorders(masks.setOfPixel(), idealImage(camera, colour)),
                                               masks.setOfPixel().size(), camera.intrinsics().fx);

@@ -54,91 +54,86 @@ Eigen::Index worstAxis(const CalibrationOutcome& result, const Vector6d& values,
   return worst;
 }
 
-bool allKept(const CalibrationOutcome& result) {
-  return std::all_of(result.kept.begin(), result.kept.end(), [](bool kept) { return kept; });
+GateCheck masksCheck(const CalibrationOutcome& result) {
+  return {"Masks that hold points", format("%zu", result.after.masks), "at least 1", result.after.masks > 0,
+          "no LiDAR point falls into any mask; check the initial guess and the mask topic"};
 }
 
-std::string borderObjection(const CalibrationOutcome& result, const Vector6d& correction,
-                            const SearchRange& range) {
-  // Searches look a little further than the range, so that its outermost places are inside of what they see.
-  constexpr double kBeyond = 1.05;
+GateCheck borderCheck(const CalibrationOutcome& result, const Vector6d& correction,
+                      const SearchRange& range) {
+  // Searches look a little further than the range, so that its outermost places are inside of what they see;
+  // refinements move the translation as far as they like.
+  constexpr double kBeyond = 1.05, kSigmas = 3.0;
   const Vector6d reach = limits(range.rotation_deg, range.translation_m);
-  const Vector6d sigma = sigmas(result);
-  for (Eigen::Index axis = 0; axis < 6; ++axis) {
-    const bool far = std::abs(correction[axis]) > reach[axis] + 3.0 * sigma[axis];
-    const bool at_end = axis < 3 && std::abs(correction[axis]) > kBeyond * reach[axis];
-    if (!far && !at_end) continue;
-    return format(
-        "the %s is corrected by %s, on the border of the search range of %s; the truth may be outside of it",
-        nameOf(axis), amount(axis, std::abs(correction[axis])).c_str(), amount(axis, reach[axis]).c_str());
-  }
-  return "";
+  Vector6d most = reach + kSigmas * sigmas(result);
+  most.head<3>() = most.head<3>().cwiseMin(kBeyond * reach.head<3>());
+  const Eigen::Index worst = worstAxis(result, correction, most);
+  const std::string moved = amount(worst, std::abs(correction[worst]));
+  return {"Correction inside of the search range", std::string(nameOf(worst)) + " " + moved,
+          "at most " + amount(worst, most[worst]), std::abs(correction[worst]) <= most[worst],
+          format("the %s is corrected by %s, on the border of the search range of %s; the truth may be "
+                 "outside of it",
+                 nameOf(worst), moved.c_str(), amount(worst, reach[worst]).c_str())};
 }
 
-/// Whether the frames found a true optimum and agree on it.
-std::string doubt(const CalibrationOutcome& result, const GateConfig& gate) {
-  const UnseenEvidence& unseen = result.unseen;
-  if (unseen.distinctness && !(*unseen.distinctness >= gate.min_distinctness)) {
-    return format(
-        "on frames that the search did not see the result stands out by only %.1f standard deviations of the "
-        "scores "
-        "around it (gate/min_distinctness is %.1f): it may be a wrong optimum; take more frames or a better "
-        "start",
-        *unseen.distinctness, gate.min_distinctness);
-  }
-  if (allKept(result)) {
-    return format(
-        "the frames determine no axis to %.2f deg or %.3f m (gate/max_rotation_sigma_deg, "
-        "gate/max_translation_sigma_m); take more frames",
-        gate.max_rotation_sigma_deg, gate.max_translation_sigma_m);
-  }
-  const Vector6d most = sigmaLimits(gate);
-  const Eigen::Index worst = worstAxis(result, unseen.scatter, most);
-  if (unseen.scatter[worst] > most[worst]) {
-    return format(
-        "searches on parts of the frames disagree: the standard deviation of the %s is %s (gate/max_%s is "
-        "%s); take "
-        "more frames or a better start",
-        nameOf(worst), amount(worst, unseen.scatter[worst]).c_str(),
-        worst < 3 ? "rotation_sigma_deg" : "translation_sigma_m", amount(worst, most[worst]).c_str());
-  }
-  return "";
+GateCheck distinctnessCheck(double distinctness, const GateConfig& gate) {
+  return {"Stands out on unseen frames by", format("%.1f \u03c3", distinctness),
+          format("at least %.1f \u03c3", gate.min_distinctness), distinctness >= gate.min_distinctness,
+          format("on frames that the search did not see the result stands out by only %.1f standard "
+                 "deviations of the "
+                 "scores around it (gate/min_distinctness is %.1f): it may be a wrong optimum; take more "
+                 "frames or a "
+                 "better start",
+                 distinctness, gate.min_distinctness)};
 }
 
-/// Whether the start is worse than the result, beyond the noise of both.
-std::string asGood(const CalibrationOutcome& result, const Vector6d& correction, const GateConfig& gate) {
+GateCheck determinedCheck(const CalibrationOutcome& result, const GateConfig& gate) {
+  const auto kept = std::count(result.kept.begin(), result.kept.end(), true);
+  return {"Axes that the frames determine", format("%d", static_cast<int>(6 - kept)), "at least 1", kept < 6,
+          format("the frames determine no axis to %.2f deg or %.3f m (gate/max_rotation_sigma_deg, "
+                 "gate/max_translation_sigma_m); take more frames",
+                 gate.max_rotation_sigma_deg, gate.max_translation_sigma_m)};
+}
+
+GateCheck agreementCheck(const CalibrationOutcome& result, const GateConfig& gate) {
+  const Vector6d most = sigmaLimits(gate), &scatter = result.unseen.scatter;
+  const Eigen::Index worst = worstAxis(result, scatter, most);
+  const std::string found = amount(worst, scatter[worst]), needed = amount(worst, most[worst]);
+  return {
+      "Parts of the frames agree (\u03c3)", std::string(nameOf(worst)) + " " + found, "at most " + needed,
+      scatter[worst] <= most[worst],
+      format(
+          "searches on parts of the frames disagree: the standard deviation of the %s is %s (gate/max_%s is "
+          "%s); take more frames or a better start",
+          nameOf(worst), found.c_str(), worst < 3 ? "rotation_sigma_deg" : "translation_sigma_m",
+          needed.c_str())};
+}
+
+GateCheck gainCheck(const CalibrationOutcome& result, const GateConfig& gate) {
   const UnseenEvidence& unseen = result.unseen;
-  if (!(unseen.gain > 0.0 && unseen.gain >= gate.min_significance * unseen.gain_sigma &&
-        result.after.total > result.before.total)) {
-    return format(
-        "on frames that the search did not see the score rises by %.4f +- %.4f, less than %.1f standard "
-        "deviations "
-        "(gate/min_significance), so the extrinsic in use is as good",
-        unseen.gain, unseen.gain_sigma, gate.min_significance);
-  }
+  const double needed = gate.min_significance * unseen.gain_sigma;
+  return {
+      "Gain of the score on unseen frames", format("%.4f", unseen.gain),
+      format("at least %.1f \u03c3 = %.4f", gate.min_significance, needed),
+      unseen.gain > 0.0 && unseen.gain >= needed && result.after.total > result.before.total,
+      format("on frames that the search did not see the score rises by %.4f +- %.4f, less than %.1f standard "
+             "deviations (gate/min_significance), so the extrinsic in use is as good",
+             unseen.gain, unseen.gain_sigma, gate.min_significance)};
+}
+
+GateCheck correctionCheck(const CalibrationOutcome& result, const Vector6d& correction,
+                          const GateConfig& gate) {
   const Vector6d needed = (gate.min_significance * sigmas(result))
                               .cwiseMax(limits(gate.min_rotation_deg, gate.min_translation_m));
   const Eigen::Index most = worstAxis(result, correction, needed);
-  if (std::abs(correction[most]) < needed[most]) {
-    return format(
-        "no axis is corrected by more than what it takes; most is the %s with %s of %s "
-        "(gate/min_significance, "
-        "gate/min_rotation_deg, gate/min_translation_m), so the extrinsic in use is as good",
-        nameOf(most), amount(most, std::abs(correction[most])).c_str(), amount(most, needed[most]).c_str());
-  }
-  return "";
-}
-
-/// Why the result must not be used; empty if it may.
-std::string objection(const CalibrationOutcome& result, const CalibratorConfig& config) {
-  if (result.after.masks == 0) {
-    return "no LiDAR point falls into any mask; check the initial guess and the mask topic";
-  }
-  const Vector6d correction = log(result.T_camera_lidar * result.start.inverse());
-  std::string problem = borderObjection(result, correction, config.range);
-  if (problem.empty()) problem = doubt(result, config.gate);
-  if (problem.empty()) problem = asGood(result, correction, config.gate);
-  return problem;
+  const std::string moved = amount(most, std::abs(correction[most])), least = amount(most, needed[most]);
+  return {"Correction beyond its noise", std::string(nameOf(most)) + " " + moved, "at least " + least,
+          std::abs(correction[most]) >= needed[most],
+          format("no axis is corrected by more than what it takes; most is the %s with %s of %s "
+                 "(gate/min_significance, gate/min_rotation_deg, gate/min_translation_m), so the extrinsic "
+                 "in use is "
+                 "as good",
+                 nameOf(most), moved.c_str(), least.c_str())};
 }
 
 /// A part of the reason; empty if all axes were corrected.
@@ -198,17 +193,31 @@ Determined keepUndetermined(const Eigen::Isometry3d& result, const Matrix6d& cov
   return determined;
 }
 
+std::vector<GateCheck> gateChecks(const CalibrationOutcome& result, const CalibratorConfig& config) {
+  const GateConfig& gate = config.gate;
+  const Vector6d correction = log(result.T_camera_lidar * result.start.inverse());
+  std::vector<GateCheck> checks = {masksCheck(result), borderCheck(result, correction, config.range)};
+  if (result.unseen.distinctness) checks.push_back(distinctnessCheck(*result.unseen.distinctness, gate));
+  checks.push_back(determinedCheck(result, gate));
+  checks.push_back(agreementCheck(result, gate));
+  checks.push_back(gainCheck(result, gate));
+  checks.push_back(correctionCheck(result, correction, gate));
+  return checks;
+}
+
 void judge(CalibrationOutcome& result, const CalibratorConfig& config) {
   result.accepted = false;
   result.reason = "cancelled";
   if (result.cancelled) return;
-  const std::string problem = objection(result, config);
-  result.accepted = problem.empty();
+  const std::vector<GateCheck> checks = gateChecks(result, config);
+  const auto failed =
+      std::find_if(checks.begin(), checks.end(), [](const GateCheck& check) { return !check.passed; });
+  result.accepted = failed == checks.end();
   result.reason =
       result.accepted
           ? format("accepted: on frames that the search did not see the score rises by %.4f +- %.4f",
                    result.unseen.gain, result.unseen.gain_sigma)
-          : "rejected: " + problem;
+          : "rejected: " + failed->objection;
   result.reason += keptText(result) + leftOutText(result);
 }
 

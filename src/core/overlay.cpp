@@ -46,9 +46,6 @@ cv::Vec3b rampColor(double value) {
 
 double depthPosition(double depth) { return std::log(depth / kNearest) / std::log(kFarthest / kNearest); }
 
-/// Near is red, far is blue: what is near matters most.
-cv::Vec3b depthColor(double depth) { return rampColor(1.0 - depthPosition(depth)); }
-
 /// Neighbouring numbers get very different hues.
 cv::Vec3b numberColor(std::uint32_t number) {
   static const std::vector<cv::Vec3b> palette = [] {
@@ -251,6 +248,8 @@ void checkImage(const Frame& frame) {
 }
 
 }  // namespace
+
+cv::Vec3b depthColor(double depth) { return rampColor(1.0 - depthPosition(depth)); }
 
 OverlayColor overlayColorFromName(const std::string& name) {
   const auto found = std::find(kNames.begin(), kNames.end(), name);

@@ -12,10 +12,11 @@ std::string FrameBuffer::add(const FramePtr& frame, const ros::Time& stamp, doub
   FrameView view(*frame);
   std::string reason = refusal(view, stamp, turn_rate_deg);
   if (!reason.empty()) return reason;
-  // Nothing draws these frames, and the image would be a fourth of their memory and more.
+  // The node draws none of these frames, and the image would be a fourth of their memory and more.
   const auto without_image = std::make_shared<Frame>(*frame);
   without_image->image.release();
-  held_.push_back({without_image, stamp, memoryUse(*without_image), std::move(view)});
+  held_.push_back({config_.frames_keep_images ? frame : without_image, stamp, memoryUse(*without_image),
+                   std::move(view)});
   bytes_ += held_.back().bytes;
   while (held_.size() > static_cast<std::size_t>(config_.frames_max) ||
          (held_.size() > 1 && bytes_ > config_.frames_max_bytes))

@@ -108,6 +108,7 @@ class RecalibrationServer::Impl {
   using JobPtr = std::shared_ptr<Job>;
   struct SearchDone {
     CalibrationOutcome outcome;
+    Frames frames;      ///< that it had
     std::string error;  ///< of a search that failed
   };
 
@@ -431,6 +432,9 @@ void RecalibrationServer::Impl::finishSearch() {
   } else if (outcome.accepted) {
     note = applyAccepted(outcome);
   }
+  guarded("handing out the outcome", [&] {
+    if (outputs_.outcome) outputs_.outcome(outcome, done.frames);
+  });
   endJob(std::move(job), true, outcome, note);
 }
 
@@ -499,6 +503,7 @@ void RecalibrationServer::Impl::startSearch(const JobPtr& job) {
                                      << config.range.translation_m << " m");
   search_ = std::thread([this, frames = pipeline_.buffer().frames(), start, config] {
     SearchDone done;
+    done.frames = frames;
     try {
       done.outcome = calibrate(frames, start, config, [this](double fraction, double) {
         progress_ = fraction;

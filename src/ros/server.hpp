@@ -15,6 +15,7 @@
 #include <memory>
 #include <string>
 
+#include "lidar_camera_recalibration/calibrator.hpp"
 #include "server_config.hpp"
 
 namespace lidar_camera_recalibration {
@@ -25,6 +26,8 @@ struct ServerOutputs {
   std::function<void(const CalibrationScore&)> score;
   std::function<void(const FramePtr&)> kept;             ///< each frame that was taken into the buffer
   std::function<void(const CalibrationResult&)> result;  ///< the message
+  /// The same before it became a message, with all frames that the search had; only of searches that ended.
+  std::function<void(const CalibrationOutcome&, const Frames&)> outcome;
   std::function<void(const RecalibrationState&)> state;
   std::function<void(const geometry_msgs::TransformStamped&)> transform;  ///< static transform to broadcast
   std::function<bool()> wants_overlay, wants_colored_points;              ///< asked per frame: drawing costs

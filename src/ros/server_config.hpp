@@ -45,6 +45,7 @@ struct ServerConfig {
   double frames_min_view_change = 0.1;     ///< share of the view, 0..1
   double frames_max_turn_rate_deg = 15.0;  ///< with fixed_frame [deg/s]
   std::size_t frames_max_bytes = 512u * 1024 * 1024;
+  bool frames_keep_images = false;  ///< for a report of the search; not counted in frames_max_bytes
 
   // Search and gate
   CalibratorConfig calibrator;

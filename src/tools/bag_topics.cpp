@@ -2,6 +2,7 @@
 
 #include <rosbag/view.h>
 #include <sensor_msgs/CompressedImage.h>
+#include <sensor_msgs/PointCloud2.h>
 
 #include <algorithm>
 #include <filesystem>
@@ -143,6 +144,19 @@ std::vector<BagTopic> topicsOf(const std::vector<std::unique_ptr<rosbag::Bag>>& 
     result.push_back(topic);
   }
   return result;
+}
+
+std::string frameIdOf(const std::vector<std::unique_ptr<rosbag::Bag>>& bags, const std::string& topic) {
+  for (const auto& bag : bags) {
+    for (const rosbag::MessageInstance& message : rosbag::View(*bag, rosbag::TopicQuery(topic))) {
+      if (const auto image = message.instantiate<sensor_msgs::Image>()) return image->header.frame_id;
+      if (const auto image = message.instantiate<sensor_msgs::CompressedImage>())
+        return image->header.frame_id;
+      if (const auto cloud = message.instantiate<sensor_msgs::PointCloud2>()) return cloud->header.frame_id;
+      break;
+    }
+  }
+  return "";
 }
 
 sensor_msgs::ImageConstPtr imageFrom(const rosbag::MessageInstance& message) {

@@ -41,6 +41,9 @@ std::vector<std::unique_ptr<rosbag::Bag>> openBags(const std::vector<std::string
 /// Topics of all bags together, sorted by name.
 std::vector<BagTopic> topicsOf(const std::vector<std::unique_ptr<rosbag::Bag>>& bags);
 
+/// Frame id of the topic's first message with a header; empty if there is none.
+std::string frameIdOf(const std::vector<std::unique_ptr<rosbag::Bag>>& bags, const std::string& topic);
+
 /// The image of an Image or CompressedImage message; null for any other type.
 /// @throw Error(kImage) if the compressed one cannot be decoded.
 sensor_msgs::ImageConstPtr imageFrom(const rosbag::MessageInstance& message);

@@ -1,5 +1,7 @@
 // Recalibrates from bags: the node's server, fed as fast as it can work.
 
+#include <boost/make_shared.hpp>
+
 #include <ros/time.h>
 #include <rosbag/view.h>
 #include <sensor_msgs/CameraInfo.h>
@@ -17,12 +19,15 @@
 #include <optional>
 
 #include "bag_topics.hpp"
+#include "bag_writing.hpp"
+#include "calibration_options.hpp"
 #include "command_line.hpp"
 #include "frame_builder.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/overlay.hpp"
 #include "lidar_camera_recalibration/result_file.hpp"
 #include "parameters.hpp"
+#include "report/report.hpp"
 #include "server.hpp"
 
 namespace lidar_camera_recalibration {
@@ -33,7 +38,8 @@ namespace {
 
 struct Options {
   std::vector<std::string> bags, assignments;
-  std::string config, out, overlay, json, reference, initial, camera_frame, lidar_frame;
+  std::string config, out, out_format, overlay, report, json, reference, initial, intrinsics;
+  FormatOptions hints;  ///< about calibration files
   InputTopics topics;
   int min_frames = 0;  ///< 0: as the parameters say
 };
@@ -49,10 +55,9 @@ ServerConfig serverConfig(const Options& options) {
   // An offline run depends on what it is given and on nothing left from runs before.
   config.initial_from_saved = false;
   config.result_file.clear();
-  if (!options.initial.empty())
-    config.initial_T_camera_lidar = readCalibration(options.initial).T_camera_lidar;
-  if (!options.camera_frame.empty()) config.camera_frame = options.camera_frame;
-  if (!options.lidar_frame.empty()) config.lidar_frame = options.lidar_frame;
+  config.frames_keep_images = !options.report.empty();
+  if (!options.hints.camera_frame.empty()) config.camera_frame = options.hints.camera_frame;
+  if (!options.hints.lidar_frame.empty()) config.lidar_frame = options.hints.lidar_frame;
   if (options.min_frames > 0) {
     config.frames_min = options.min_frames;
     config.frames_max = std::max(config.frames_max, options.min_frames);
@@ -75,12 +80,36 @@ InputTopics inputTopics(const Bags& bags, const Options& options) {
                     "; name the topic with --" + option + ". The topics are:" + list);
   };
   require(topics.image, "image");
-  require(topics.camera_info, "camera-info");
+  if (options.intrinsics.empty()) require(topics.camera_info, "camera-info");
   require(topics.points, "points");
   require(topics.masks, "masks");
-  std::cerr << "image " << topics.image << ", camera_info " << topics.camera_info << ", points "
+  std::cerr << "image " << topics.image << ", camera_info "
+            << (options.intrinsics.empty() ? topics.camera_info : options.intrinsics) << ", points "
             << topics.points << ", masks " << topics.masks << '\n';
   return topics;
+}
+
+/// Frames that the files must speak of, where they speak of several.
+FormatOptions completed(FormatOptions hints, const ServerConfig& config, const Bags& bags,
+                        const InputTopics& topics) {
+  hints.camera_frame = !config.camera_frame.empty() ? config.camera_frame : frameIdOf(bags, topics.image);
+  hints.lidar_frame = !config.lidar_frame.empty() ? config.lidar_frame : frameIdOf(bags, topics.points);
+  return hints;
+}
+
+/// Whether the result can be written, before the search costs its time.
+void checkOutput(const Options& options, const FormatOptions& hints) {
+  if (options.out.empty()) return;
+  const FormatDescription format = formatForWriting(options.out, hints);
+  if (!format.has_extrinsic)
+    throw Error(ErrorCause::kFile,
+                "\"" + options.out + "\": the format " + format.name + " holds no extrinsic");
+  CalibrationContents contents;
+  contents.calibration.emplace();
+  contents.calibration->camera_frame = hints.camera_frame;
+  contents.calibration->lidar_frame = hints.lidar_frame;
+  contents.intrinsics.emplace();
+  renderCalibration(options.out, contents, hints);
 }
 
 void addTo(tf2::BufferCore& tf, const rosbag::MessageInstance& message, bool is_static) {
@@ -118,12 +147,13 @@ class TfReader {
 /// Puts the bags' messages into the server.
 class Feeder {
  public:
-  Feeder(const Bags& bags, const InputTopics& topics, tf2::BufferCore& tf)
-      : topics_(topics), tf_reader_(bags, tf) {
-    for (const auto& bag : bags) {
-      view_.addQuery(*bag,
-                     rosbag::TopicQuery({topics.image, topics.camera_info, topics.points, topics.masks}));
-    }
+  /// @param camera  instead of the CameraInfo of the bags
+  Feeder(const Bags& bags, const InputTopics& topics, const std::optional<Intrinsics>& camera,
+         tf2::BufferCore& tf)
+      : topics_(topics), camera_(camera), tf_reader_(bags, tf) {
+    std::vector<std::string> names = {topics.image, topics.points, topics.masks};
+    if (!camera) names.push_back(topics.camera_info);
+    for (const auto& bag : bags) view_.addQuery(*bag, rosbag::TopicQuery(names));
   }
 
   void run(RecalibrationServer& server, ProgressBar& progress) {
@@ -147,6 +177,7 @@ class Feeder {
       const sensor_msgs::ImageConstPtr image = decoded(message);
       if (!image) return;
       if (topic == topics_.image) {
+        if (camera_) server.addCameraInfo(cameraInfo(*image));
         server.addImage(image);
       } else {
         server.addMasks(image);
@@ -168,7 +199,17 @@ class Feeder {
     }
   }
 
+  sensor_msgs::CameraInfoConstPtr cameraInfo(const sensor_msgs::Image& image) const {
+    Intrinsics intrinsics = *camera_;
+    if (intrinsics.width == 0) {  // of a format without a size
+      intrinsics.width = static_cast<int>(image.width);
+      intrinsics.height = static_cast<int>(image.height);
+    }
+    return boost::make_shared<sensor_msgs::CameraInfo>(toCameraInfo(image.header, intrinsics));
+  }
+
   InputTopics topics_;
+  std::optional<Intrinsics> camera_;
   TfReader tf_reader_;
   rosbag::View view_;
 };
@@ -207,6 +248,20 @@ CalibrationResult calibrateFrames(RecalibrationServer& server, const ServerConfi
   return response.result;
 }
 
+/// Of the images that the node works on: as taken, or rectified.
+std::optional<Intrinsics> cameraFromFile(const Options& options, const ServerConfig& config) {
+  if (options.intrinsics.empty()) return std::nullopt;
+  const CalibrationContents contents = intrinsicsArgument(options.intrinsics, options.hints);
+  if (!config.image_rectified) return contents.intrinsics;
+  if (contents.rectified) return contents.rectified;
+  if (contents.intrinsics->model != DistortionModel::kNone)
+    throw Error(ErrorCause::kCamera,
+                "\"" + options.intrinsics +
+                    "\" describes a camera with distortion, but the parameter image_rectified "
+                    "says that the images have none");
+  return contents.intrinsics;
+}
+
 // --- output ---
 
 Eigen::Isometry3d isometry(const geometry_msgs::TransformStamped& transform) {
@@ -232,6 +287,17 @@ StoredCalibration stored(const CalibrationResult& result, const Options& options
   for (const std::string& bag : options.bags)
     calibration.source += (calibration.source.empty() ? "" : " ") + bag;
   return calibration;
+}
+
+/// Only this package's own format says whether the result was accepted; no other file gets a rejected one.
+void writeResult(const std::string& file, const CalibrationContents& contents, const FormatOptions& hints) {
+  const bool accepted = contents.calibration->accepted;
+  if (!accepted && formatForWriting(file, hints).name != "yaml") {
+    std::cout << "result: not written, " << file << " cannot say that it was rejected\n";
+    return;
+  }
+  writeCalibrationFile(file, contents, hints);
+  std::cout << "result: " << file << (accepted ? "" : " (says that it was rejected)") << '\n';
 }
 
 void printError(const char* label, const ExtrinsicError& error) {
@@ -321,38 +387,72 @@ void writeOverlay(const std::string& file, const Frame& frame, const Calibration
   std::cout << "overlay: " << file << '\n';
 }
 
-int calibrateBags(const Options& options) {
-  const auto begin = std::chrono::steady_clock::now();
-  ros::Time::init();
-  const ServerConfig config = serverConfig(options);
-  std::optional<Eigen::Isometry3d> reference;
-  if (!options.reference.empty()) reference = readCalibration(options.reference).T_camera_lidar;
-  const Bags bags = openBags(options.bags);
-  const InputTopics topics = inputTopics(bags, options);
+/// What the server says while it works. Written by its thread, read when it is idle.
+struct Record {
+  FramePtr newest;
+  ReportInput report;
+};
 
-  // Masks come late, and the transform is looked up at the stamp of their image.
-  tf2::BufferCore tf(ros::Duration(2.0 * config.synchroniser.mask_timeout + 10.0));
-  Feeder feeder(bags, topics, tf);
-  FramePtr newest;  // written by the server's thread, read when it is idle
-  ProgressBar progress;
+ServerOutputs recording(Record& record, ProgressBar& progress) {
   ServerOutputs outputs;
-  outputs.kept = [&newest](const FramePtr& frame) { newest = frame; };
+  outputs.kept = [&record](const FramePtr& frame) { record.newest = frame; };
+  outputs.score = [&record](const CalibrationScore& score) {
+    record.report.images.push_back({score.header.stamp.toSec(), score.used != 0, score.reason});
+  };
+  outputs.outcome = [&record](const CalibrationOutcome& outcome, const Frames& frames) {
+    record.report.outcome = outcome;
+    record.report.frames = frames;
+  };
   outputs.state = [&progress](const RecalibrationState& state) {
     if (state.state == RecalibrationState::SEARCHING) progress.show("searching", state.progress);
   };
-  RecalibrationServer server(config, tf, "calibrate_bag", outputs);
+  return outputs;
+}
+
+int calibrateBags(const Options& options) {
+  const auto begin = std::chrono::steady_clock::now();
+  ros::Time::init();
+  ServerConfig config = serverConfig(options);
+  const Bags bags = openBags(options.bags);
+  const InputTopics topics = inputTopics(bags, options);
+
+  // Calibration files, before anything costs time.
+  const FormatOptions hints = completed(options.hints, config, bags, topics);
+  FormatOptions out_hints = hints;
+  out_hints.format = options.out_format;
+  checkOutput(options, out_hints);
+  std::optional<Eigen::Isometry3d> reference;
+  if (!options.reference.empty()) reference = extrinsicArgument(options.reference, hints).T_camera_lidar;
+  if (!options.initial.empty())
+    config.initial_T_camera_lidar = extrinsicArgument(options.initial, hints).T_camera_lidar;
+  const std::optional<Intrinsics> camera = cameraFromFile(options, config);
+
+  // Masks come late, and the transform is looked up at the stamp of their image.
+  tf2::BufferCore tf(ros::Duration(2.0 * config.synchroniser.mask_timeout + 10.0));
+  Feeder feeder(bags, topics, camera, tf);
+  ProgressBar progress;
+  Record record;
+  RecalibrationServer server(config, tf, "calibrate_bag", recording(record, progress));
   feeder.run(server, progress);
   const CalibrationResult result = calibrateFrames(server, config);
   progress.finish();
 
   print(result, reference);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-  if (!options.out.empty()) {
-    writeCalibration(options.out, stored(result, options));
-    std::cout << "result: " << options.out << (result.accepted ? "" : " (says that it was rejected)") << '\n';
+  ReportInput& report = record.report;
+  report.contents.calibration = stored(result, options);
+  report.contents.intrinsics = record.newest->camera.intrinsics();
+  if (!options.out.empty()) writeResult(options.out, report.contents, out_hints);
+  if (!options.report.empty()) {
+    report.config = config.calibrator;
+    report.hints = hints;
+    report.given_up = droppedByCause(server.state());
+    report.reference = reference;
+    writeFileAtomically(options.report, reportHtml(report));
+    std::cout << "report: " << options.report << '\n';
   }
   if (!options.json.empty()) writeFileAtomically(options.json, toJson(result, reference, seconds) + "\n");
-  if (!options.overlay.empty()) writeOverlay(options.overlay, *newest, result, config);
+  if (!options.overlay.empty()) writeOverlay(options.overlay, *record.newest, result, config);
   return result.accepted ? kExitOk : kExitRejected;
 }
 
@@ -373,17 +473,23 @@ int calibrateBagMain(int argc, char** argv) {
                                               "parameters of the node (default: its defaults)")(
       "set", po::value(&options.assignments)->composing()->value_name("NAME=VALUE"),
       "one parameter, such as gate/min_distinctness=6; may be repeated")(
-      "out", po::value(&options.out)->value_name("YAML"),
-      "the result, also a rejected one: it says so inside")(
+      "out", po::value(&options.out)->value_name("FILE"),
+      "the result, in this package's YAML also a rejected one; its format is told by an existing file's "
+      "content, else by "
+      "the name, see convert_calibration --list")(
+      "out-format", po::value(&options.out_format)->value_name("FORMAT"), "or by this")(
       "overlay", po::value(&options.overlay)->value_name("PNG"), "the newest frame before and after")(
+      "report", po::value(&options.report)->value_name("HTML"),
+      "one page with pictures, score, frames, numbers and lines to paste")(
       "json", po::value(&options.json)->value_name("FILE"), "summary for scripts")(
-      "reference", po::value(&options.reference)->value_name("YAML"), "an extrinsic to compare with")(
-      "initial", po::value(&options.initial)->value_name("YAML"), "the extrinsic to start from")(
-      "camera-frame", po::value(&options.camera_frame)->value_name("FRAME"),
-      "optical frame (default: the image's)")(
-      "lidar-frame", po::value(&options.lidar_frame)->value_name("FRAME"), "default: the cloud's")(
+      "reference", po::value(&options.reference)->value_name("FILE[:FORMAT]"),
+      "an extrinsic to compare with")("initial", po::value(&options.initial)->value_name("FILE[:FORMAT]"),
+                                      "the extrinsic to start from")(
+      "intrinsics", po::value(&options.intrinsics)->value_name("FILE[:FORMAT]"),
+      "the camera, instead of the recording's CameraInfo")(
       "min-frames", atLeast(1, &options.min_frames, "min-frames")->value_name("N"),
       "default: the parameter frames/min");
+  addCalibrationOptions(line.options, options.hints);
   addTopicOptions(line.options, options.topics);
   return runTool(argc, argv, line, [&options](const po::variables_map&) { return calibrateBags(options); });
 }

@@ -1,14 +1,15 @@
 #include "dataset.hpp"
 
-#include <yaml-cpp/yaml.h>
-
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <stdexcept>
 
+#include "calib_anything.hpp"
 #include "dataset_files.hpp"
+#include "json.hpp"
+#include "lidar_camera_recalibration/calibration_formats.hpp"
 #include "lidar_camera_recalibration/error.hpp"
-#include "lidar_camera_recalibration/extrinsic.hpp"
 
 namespace lidar_camera_recalibration {
 
@@ -46,15 +47,6 @@ void setSizeFromFirstImage(Index& index, const fs::path& folder) {
   index.intrinsics.height = image.rows;
 }
 
-Eigen::Isometry3d checkedIsometry(const Eigen::Matrix4d& matrix, const fs::path& file,
-                                  const std::string& name) {
-  try {
-    return isometryFromMatrix(matrix);
-  } catch (const Error& error) {
-    refuse(file, name + ": " + error.what());
-  }
-}
-
 // --- CalibAnything ---
 
 /// A name from calib.json as part of a path; one that leads out of the dataset is refused.
@@ -67,86 +59,29 @@ fs::path inside(const fs::path& file, const std::string& key, const std::string&
   return path;
 }
 
-YAML::Node required(const YAML::Node& node, const std::string& key) {
-  if (!node.IsMap() || !node[key]) throw Error(ErrorCause::kFile, "the key " + key + " is missing");
-  return node[key];
-}
-
-Eigen::MatrixXd matrixOf(const YAML::Node& calib, const std::string& key, int rows, int cols) {
-  const auto data = required(required(calib, key), "data").as<std::vector<std::vector<double>>>();
-  const bool right_size =
-      int(data.size()) == rows &&
-      std::all_of(data.begin(), data.end(), [cols](const auto& row) { return int(row.size()) == cols; });
-  if (!right_size) {
-    throw Error(ErrorCause::kFile, key + " is not " + std::to_string(rows) + "x" + std::to_string(cols));
-  }
-  Eigen::MatrixXd matrix(rows, cols);
-  for (int r = 0; r < rows; ++r) {
-    for (int c = 0; c < cols; ++c) matrix(r, c) = data[r][c];
-  }
-  return matrix;
-}
-
-Intrinsics calibAnythingIntrinsics(const YAML::Node& calib) {
-  const Eigen::MatrixXd K = matrixOf(calib, "cam_K", 3, 3);
-  Intrinsics intrinsics;
-  intrinsics.fx = K(0, 0);
-  intrinsics.fy = K(1, 1);
-  intrinsics.cx = K(0, 2);
-  intrinsics.cy = K(1, 2);
-  if (!calib["cam_dist"]) return intrinsics;
-  const auto distortion = required(calib["cam_dist"], "data").as<std::vector<double>>();
-  switch (distortion.size()) {
-    case 0:
-      break;
-    case 4:
-    case 5:
-      intrinsics.model = DistortionModel::kPlumbBob;
-      break;
-    case 8:
-      intrinsics.model = DistortionModel::kRationalPolynomial;
-      break;
-    default:
-      throw Error(ErrorCause::kFile,
-                  "cam_dist has " + std::to_string(distortion.size()) +
-                      " coefficients; 0, 4 or 5 (plumb_bob) or 8 (rational_polynomial) are known");
-  }
-  intrinsics.distortion = distortion;
-  return intrinsics;
-}
-
-/// The ground truth if the file says that it has one, otherwise the matrix it starts from.
-Eigen::Isometry3d calibAnythingReference(const YAML::Node& calib, const fs::path& file) {
-  const YAML::Node truth = calib["T_lidar_to_cam_gt"];
-  const bool available =
-      truth && truth.IsMap() && truth["data"] && truth["available"] && truth["available"].as<bool>();
-  const std::string key = available ? "T_lidar_to_cam_gt" : "T_lidar_to_cam";
-  return checkedIsometry(matrixOf(calib, key, 4, 4), file, key);
-}
-
 Index indexCalibAnything(const fs::path& folder) {
   const fs::path file = folder / "calib.json";
   Index index;
   index.layout = "CalibAnything";
   try {
-    const YAML::Node calib = YAML::Load(readText(file));  // JSON is YAML
-    index.intrinsics = calibAnythingIntrinsics(calib);
-    index.reference = calibAnythingReference(calib, file);
+    const nlohmann::json root = nlohmann::json::parse(readText(file));
+    const CalibAnythingFile calib = readCalibAnything(root);
+    if (!calib.intrinsics) throw std::runtime_error("the key cam_K is missing");
+    index.intrinsics = *calib.intrinsics;
+    index.reference = calib.truth ? *calib.truth : calib.T_camera_lidar;
     const auto text = [&](const std::string& key, const std::string& fallback) {
-      return inside(file, key, calib[key] ? calib[key].as<std::string>() : fallback);
+      return inside(file, key, root.value(key, fallback));
     };
     const fs::path images = folder / text("img_folder", "images");
     const fs::path clouds = folder / text("pc_folder", "pc");
     const fs::path masks = folder / text("mask_folder", "masks");
     const std::string image_format = text("img_format", ".png"), cloud_format = text("pc_format", ".pcd");
-    for (const std::string& name : required(calib, "file_name").as<std::vector<std::string>>()) {
+    for (const auto& name : jsonValue<std::vector<std::string>>(root, "file_name", "")) {
       inside(file, "file_name", name);
       index.frames.push_back({name, madeUpStamp(index.frames.size()), images / (name + image_format),
                               clouds / (name + cloud_format), masks / name});
     }
-  } catch (const YAML::Exception& error) {
-    refuse(file, error.what());
-  } catch (const Error& error) {
+  } catch (const std::exception& error) {  // of the JSON library, of the format and our own
     const std::string what = error.what();
     if (what.rfind('"' + file.string(), 0) == 0) throw;
     refuse(file, what);
@@ -156,28 +91,6 @@ Index indexCalibAnything(const fs::path& folder) {
 }
 
 // --- KITTI ---
-
-/// `R` (3x3) and `t` as 4x4, numbers in row-major order.
-Eigen::Matrix4d homogeneous(const std::vector<double>& R, const std::vector<double>& t) {
-  Eigen::Matrix4d matrix = Eigen::Matrix4d::Identity();
-  matrix.topLeftCorner<3, 3>() = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(R.data());
-  if (!t.empty()) matrix.topRightCorner<3, 1>() = Eigen::Map<const Eigen::Vector3d>(t.data());
-  return matrix;
-}
-
-/// Splits P = K [I | t] of a rectified camera into intrinsics and the offset of the camera from the rectified
-/// origin.
-Eigen::Matrix4d useProjection(const std::vector<double>& numbers, Intrinsics& intrinsics) {
-  const Eigen::Matrix<double, 3, 4> P =
-      Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(numbers.data());
-  intrinsics.fx = P(0, 0);
-  intrinsics.fy = P(1, 1);
-  intrinsics.cx = P(0, 2);
-  intrinsics.cy = P(1, 2);
-  Eigen::Matrix4d offset = Eigen::Matrix4d::Identity();
-  offset.topRightCorner<3, 1>() = P.leftCols<3>().inverse() * P.col(3);
-  return offset;
-}
 
 /// Frames whose image and cloud both exist: KITTI's drives miss a cloud here and there.
 /// A frame's number is its line in the file of times.
@@ -201,38 +114,36 @@ void addKittiFrames(Index& index, const fs::path& folder, const fs::path& images
   setSizeFromFirstImage(index, folder);
 }
 
+FormatOptions formatOf(const char* name) {
+  FormatOptions options;
+  options.format = name;
+  return options;
+}
+
 Index indexKittiOdometry(const fs::path& folder) {
-  const fs::path file = folder / "calib.txt";
-  const auto calibration = readKittiCalibration(file);
+  const CalibrationContents calib =
+      readCalibrationFile((folder / "calib.txt").string(), formatOf("kitti_odometry"));
   Index index;
   index.layout = "KITTI odometry";
-  const Eigen::Matrix4d offset = useProjection(numbersOf(calibration, "P2", 12, file), index.intrinsics);
-  // Tr leads into the rectified frame of camera 0.
-  Eigen::Matrix4d Tr = Eigen::Matrix4d::Identity();
-  Tr.topRows<3>() = Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(
-      numbersOf(calibration, "Tr", 12, file).data());
-  index.reference = checkedIsometry(offset * Tr, file, "P2 and Tr");
+  index.intrinsics = *calib.intrinsics;
+  index.reference = calib.calibration->T_camera_lidar;
   addKittiFrames(index, folder, folder / "image_2", folder / "velodyne", folder / "times.txt");
   return index;
 }
 
 Index indexKittiRaw(const fs::path& folder) {
   const fs::path parent = fs::absolute(folder / "").parent_path().parent_path();
-  const fs::path camera_file = parent / "calib_cam_to_cam.txt", lidar_file = parent / "calib_velo_to_cam.txt";
-  const auto camera = readKittiCalibration(camera_file);
-  const auto lidar = readKittiCalibration(lidar_file);
+  const fs::path lidar_file = parent / "calib_velo_to_cam.txt";
+  const CalibrationContents calib = readCalibrationFile(lidar_file.string(), formatOf("kitti_raw"));
+  if (!calib.intrinsics) refuse(parent / "calib_cam_to_cam.txt", "there is no such file");
   Index index;
   index.layout = "KITTI raw";
-  const Eigen::Matrix4d offset =
-      useProjection(numbersOf(camera, "P_rect_02", 12, camera_file), index.intrinsics);
-  const Eigen::Matrix4d R_rect = homogeneous(numbersOf(camera, "R_rect_00", 9, camera_file), {});
-  const Eigen::Matrix4d Tr =
-      homogeneous(numbersOf(lidar, "R", 9, lidar_file), numbersOf(lidar, "T", 3, lidar_file));
-  index.reference = checkedIsometry(offset * R_rect * Tr, lidar_file, "extrinsic");
+  index.intrinsics = *calib.intrinsics;
+  index.reference = calib.calibration->T_camera_lidar;
   addKittiFrames(index, folder, folder / "image_02" / "data", folder / "velodyne_points" / "data",
                  folder / "image_02" / "timestamps.txt");
-  const std::vector<double>& size = numbersOf(camera, "S_rect_02", 2, camera_file);
-  if (size[0] != index.intrinsics.width || size[1] != index.intrinsics.height) {
+  if (calib.intrinsics->width != index.intrinsics.width ||
+      calib.intrinsics->height != index.intrinsics.height) {
     refuse(folder,
            "the images are not of the size S_rect_02 of calib_cam_to_cam.txt; only the rectified drives"
            " (..._sync) can be read");

@@ -297,35 +297,6 @@ std::string readText(const fs::path& file) {
   return text;
 }
 
-std::map<std::string, std::vector<double>> readKittiCalibration(const fs::path& file) {
-  std::map<std::string, std::vector<double>> calibration;
-  std::istringstream lines(readText(file));
-  for (std::string line; std::getline(lines, line);) {
-    const std::size_t colon = line.find(':');
-    if (colon == std::string::npos) continue;
-    std::vector<double> values;
-    std::istringstream words(line.substr(colon + 1));
-    bool numeric = true;
-    for (std::string word; numeric && words >> word;) {
-      values.push_back(parseSeconds(word));
-      numeric = std::isfinite(values.back());
-    }
-    if (numeric && !values.empty()) calibration[line.substr(0, colon)] = values;
-  }
-  return calibration;
-}
-
-const std::vector<double>& numbersOf(const std::map<std::string, std::vector<double>>& calibration,
-                                     const std::string& key, std::size_t count, const fs::path& file) {
-  const auto found = calibration.find(key);
-  if (found == calibration.end()) refuse(file, "has no line \"" + key + ":\" with numbers");
-  if (found->second.size() != count) {
-    refuse(file, "\"" + key + ":\" has " + std::to_string(found->second.size()) + " numbers, " +
-                     std::to_string(count) + " are expected");
-  }
-  return found->second;
-}
-
 std::vector<double> readTimes(const fs::path& file) {
   std::vector<double> times;
   std::istringstream lines(readText(file));

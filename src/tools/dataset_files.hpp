@@ -2,7 +2,6 @@
 
 #include <cstddef>
 #include <filesystem>
-#include <map>
 #include <opencv2/core.hpp>
 #include <string>
 #include <vector>
@@ -16,15 +15,6 @@ namespace lidar_camera_recalibration {
 
 /// The whole text of a calibration or time file, at most 16 MB.
 std::string readText(const std::filesystem::path& file);
-
-/// `KEY: number number ...` lines, KITTI's calibration format; lines whose values are no numbers are left
-/// out.
-std::map<std::string, std::vector<double>> readKittiCalibration(const std::filesystem::path& file);
-
-/// The numbers of a key. @throw Error(kFile) if it is missing or has another count.
-const std::vector<double>& numbersOf(const std::map<std::string, std::vector<double>>& calibration,
-                                     const std::string& key, std::size_t count,
-                                     const std::filesystem::path& file);
 
 /// One number a line, seconds (KITTI odometry), or one UTC date and time a line (KITTI raw). [s]
 std::vector<double> readTimes(const std::filesystem::path& file);

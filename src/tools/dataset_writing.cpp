@@ -1,7 +1,5 @@
 #include "dataset_writing.hpp"
 
-#include <yaml-cpp/yaml.h>
-
 #include <cstdint>
 #include <cstdio>
 #include <cstring>
@@ -9,6 +7,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
 
+#include "calib_anything.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/result_file.hpp"
 
@@ -64,61 +63,28 @@ void writePng(const fs::path& file, const cv::Mat& image) {
     throw Error(ErrorCause::kFile, "\"" + file.string() + "\": cannot be written");
 }
 
-/// As the layout has it: rows, cols and data, as members of a map.
-void emitMatrix(YAML::Emitter& out, const Eigen::MatrixXd& matrix) {
-  out << YAML::Key << "rows" << YAML::Value << matrix.rows();
-  out << YAML::Key << "cols" << YAML::Value << matrix.cols();
-  out << YAML::Key << "data" << YAML::Value << YAML::BeginSeq;
-  for (Eigen::Index r = 0; r < matrix.rows(); ++r) {
-    out << YAML::BeginSeq;
-    for (Eigen::Index c = 0; c < matrix.cols(); ++c) out << matrix(r, c);
-    out << YAML::EndSeq;
-  }
-  out << YAML::EndSeq;
-}
-
 std::string toCalibJson(const Intrinsics& intrinsics, const Eigen::Isometry3d& T_camera_lidar,
                         const std::vector<std::string>& names, const std::string& note) {
-  Eigen::Matrix3d K = Eigen::Matrix3d::Identity();
-  K(0, 0) = intrinsics.fx;
-  K(1, 1) = intrinsics.fy;
-  K(0, 2) = intrinsics.cx;
-  K(1, 2) = intrinsics.cy;
-  YAML::Emitter out;  // flow style with quoted strings is JSON
-  out.SetStringFormat(YAML::DoubleQuoted);
-  out.SetMapFormat(YAML::Flow);
-  out.SetSeqFormat(YAML::Flow);
-  out.SetDoublePrecision(std::numeric_limits<double>::max_digits10);
-  out << YAML::BeginMap << YAML::Key << "note" << YAML::Value << note;
-  out << YAML::Key << "cam_K" << YAML::Value << YAML::BeginMap;
-  emitMatrix(out, K);
-  out << YAML::EndMap << YAML::Key << "cam_dist" << YAML::Value << YAML::BeginMap;
-  out << YAML::Key << "cols" << YAML::Value << intrinsics.distortion.size();
-  out << YAML::Key << "data" << YAML::Value << intrinsics.distortion;
-  out << YAML::EndMap << YAML::Key << "T_lidar_to_cam" << YAML::Value << YAML::BeginMap;
-  emitMatrix(out, T_camera_lidar.matrix());
-  out << YAML::EndMap << YAML::Key << "T_lidar_to_cam_gt" << YAML::Value << YAML::BeginMap;
-  out << YAML::Key << "available" << YAML::Value << true;
-  emitMatrix(out, T_camera_lidar.matrix());
-  out << YAML::EndMap;
-  out << YAML::Key << "img_folder" << YAML::Value << "images" << YAML::Key << "img_format" << YAML::Value
-      << ".png";
-  out << YAML::Key << "pc_folder" << YAML::Value << "pc" << YAML::Key << "pc_format" << YAML::Value << ".pcd";
-  out << YAML::Key << "mask_folder" << YAML::Value << "masks";
-  out << YAML::Key << "file_name" << YAML::Value << names << YAML::EndMap;
-  return out.c_str();
+  nlohmann::json root;
+  root["note"] = note;
+  setCalibAnythingCamera(intrinsics, root);
+  root["T_lidar_to_cam"] = root["T_lidar_to_cam_gt"] = calibAnythingMatrix(T_camera_lidar.matrix());
+  root["T_lidar_to_cam_gt"]["available"] = true;
+  root["img_folder"] = "images";
+  root["img_format"] = ".png";
+  root["pc_folder"] = "pc";
+  root["pc_format"] = ".pcd";
+  root["mask_folder"] = "masks";
+  root["file_name"] = names;
+  return root.dump(2);
 }
 
 }  // namespace
 
 DatasetWriter::DatasetWriter(const std::string& folder, const Intrinsics& intrinsics)
     : folder_(folder), intrinsics_(intrinsics) {
-  // The layout names no model: Dataset takes it from the number of coefficients.
-  const std::size_t count = intrinsics.distortion.size();
-  const bool known = (intrinsics.model == DistortionModel::kNone && count == 0) ||
-                     (intrinsics.model == DistortionModel::kPlumbBob && (count == 4 || count == 5)) ||
-                     (intrinsics.model == DistortionModel::kRationalPolynomial && count == 8);
-  if (!known) throw Error(ErrorCause::kCamera, "calib.json can hold plumb_bob and rational_polynomial only");
+  nlohmann::json camera;
+  setCalibAnythingCamera(intrinsics, camera);  // whether it can hold this one
   const fs::path calib = folder_ / "calib.json";
   if (fs::exists(calib))
     throw Error(ErrorCause::kFile, "\"" + folder + "\" already holds a dataset; remove it or name another");

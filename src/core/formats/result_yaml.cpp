@@ -1,26 +1,13 @@
 #include "lidar_camera_recalibration/result_file.hpp"
 
-#include <fcntl.h>
-#include <sys/stat.h>
-#include <unistd.h>
 #include <yaml-cpp/yaml.h>
 
-#include <atomic>
-#include <cerrno>
-#include <cmath>
-#include <cstdio>
-#include <cstring>
-#include <fstream>
-#include <iterator>
-#include <locale>
-#include <sstream>
-
+#include "format.hpp"
 #include "lidar_camera_recalibration/error.hpp"
+#include "text.hpp"
 
 namespace lidar_camera_recalibration {
 namespace {
-
-constexpr std::size_t kMaxFileSize = 1024 * 1024;  // [bytes]; a calibration has about 3 KB
 
 constexpr const char* kHeader =
     R"(# Extrinsic calibration of a LiDAR and a camera.
@@ -34,36 +21,6 @@ constexpr const char* kHeader =
 )";
 
 // --- writing ---
-
-/// The shortest decimal that reads back as the same double, whatever the process's locale.
-std::string number(double value) {
-  if (std::isnan(value)) return ".nan";
-  if (std::isinf(value)) return value > 0.0 ? ".inf" : "-.inf";
-  for (int digits = 15;; ++digits) {
-    std::ostringstream out;
-    out.imbue(std::locale::classic());
-    out.precision(digits);
-    out << value;
-    std::istringstream in(out.str());
-    in.imbue(std::locale::classic());
-    double back = 0.0;
-    // A denormal fails to read although it was parsed, so the value alone counts.
-    in >> back;
-    if (back != value && digits < 17) continue;
-    std::string text = out.str();
-    const std::size_t exponent = text.find('e');
-    // YAML 1.1 readers such as Python's take 1e-05 for a string.
-    if (exponent != std::string::npos && text.find('.') == std::string::npos) text.insert(exponent, ".0");
-    return text;
-  }
-}
-
-template <typename Vector>
-std::string numbers(const Vector& values) {
-  std::string text;
-  for (Eigen::Index i = 0; i < values.size(); ++i) text += (i == 0 ? "" : " ") + number(values[i]);
-  return text;
-}
 
 template <typename Vector>
 void emitList(YAML::Emitter& out, const Vector& values) {
@@ -79,28 +36,7 @@ void emitRows(YAML::Emitter& out, const Matrix& matrix) {
   out << YAML::EndSeq;
 }
 
-/// Roll, pitch, yaw about fixed axes as in URDF: R = Rz(yaw) * Ry(pitch) * Rx(roll).
-Eigen::Vector3d rollPitchYaw(const Eigen::Matrix3d& R) {
-  const double cos_pitch = std::hypot(R(0, 0), R(1, 0));
-  const double pitch = std::atan2(-R(2, 0), cos_pitch);
-  if (cos_pitch < 1e-9) return {0.0, pitch, std::atan2(-R(0, 1), R(1, 1))};  // only roll -+ yaw is defined
-  return {std::atan2(R(2, 1), R(2, 2)), pitch, std::atan2(R(1, 0), R(0, 0))};
-}
-
-/// x y z w, with w >= 0
-Eigen::Vector4d quaternion(const Eigen::Matrix3d& R) {
-  Eigen::Quaterniond q(R);
-  q.normalize();
-  return q.w() < 0.0 ? Eigen::Vector4d(-q.coeffs()) : Eigen::Vector4d(q.coeffs());
-}
-
 void emitTransforms(YAML::Emitter& out, const StoredCalibration& c) {
-  const Eigen::Isometry3d T_lidar_camera = c.T_camera_lidar.inverse();
-  const std::string publisher =
-      "rosrun tf2_ros static_transform_publisher " + numbers(T_lidar_camera.translation()) + " " +
-      numbers(quaternion(T_lidar_camera.linear())) + " " + c.lidar_frame + " " + c.camera_frame;
-  const std::string origin = "<origin xyz=\"" + numbers(T_lidar_camera.translation()) + "\" rpy=\"" +
-                             numbers(rollPitchYaw(T_lidar_camera.linear())) + "\"/>";
   out << YAML::Key << "T_camera_lidar" << YAML::Value;
   emitRows(out, c.T_camera_lidar.matrix());
   out << YAML::Key << "camera_frame" << YAML::Value << c.camera_frame;
@@ -112,31 +48,12 @@ void emitTransforms(YAML::Emitter& out, const StoredCalibration& c) {
   out << YAML::Key << "rpy" << YAML::Value;
   emitList(out, rollPitchYaw(c.T_camera_lidar.linear()));
   out << YAML::Newline << YAML::Newline;
-  out << YAML::Key << "static_transform_publisher" << YAML::Value << publisher;
-  out << YAML::Key << "urdf_origin" << YAML::Value << YAML::SingleQuoted << origin;
+  out << YAML::Key << "static_transform_publisher" << YAML::Value << staticTransformPublisher(c);
+  out << YAML::Key << "urdf_origin" << YAML::Value << YAML::SingleQuoted << urdfOrigin(c);
   out << YAML::Newline << YAML::Newline;
 }
 
 // --- reading ---
-
-Error fileError(const std::string& path, const std::string& what) {
-  return Error(ErrorCause::kFile, "calibration file '" + path + "': " + what);
-}
-
-std::string readText(const std::string& path) {
-  struct stat status {};
-  if (::stat(path.c_str(), &status) != 0) throw fileError(path, std::strerror(errno));
-  if (!S_ISREG(status.st_mode)) throw fileError(path, "is not a regular file");
-  if (static_cast<std::size_t>(status.st_size) > kMaxFileSize) {
-    throw fileError(path,
-                    "has " + std::to_string(status.st_size) + " bytes; a calibration has less than 1 MB");
-  }
-  errno = 0;
-  std::ifstream file(path, std::ios::binary);
-  std::string text((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
-  if (!file.is_open() || file.bad()) throw fileError(path, std::strerror(errno));
-  return text;
-}
 
 /// One level of lists is flattened, so 16 numbers and 4 rows of 4 read alike.
 std::vector<double> readNumbers(const YAML::Node& node) {
@@ -182,19 +99,12 @@ std::size_t readCount(const YAML::Node& root, const char* key) {
   return static_cast<std::size_t>(count);
 }
 
-Eigen::Isometry3d readExtrinsic(const YAML::Node& root) {
-  for (const char* key : {"T_camera_lidar", "T_lidar_to_cam"}) {
-    if (root[key]) return isometryFromMatrix(readSquare<4>(key, root[key]));
-  }
-  throw std::runtime_error(
-      "holds neither T_camera_lidar (4 rows of 4 numbers) nor CalibAnything's T_lidar_to_cam");
-}
-
 StoredCalibration parse(const std::string& text) {
   const YAML::Node root = YAML::Load(text);
   if (!root.IsMap()) throw std::runtime_error("is not a list of `key: value`");
   StoredCalibration c;
-  c.T_camera_lidar = readExtrinsic(root);
+  if (!root["T_camera_lidar"]) throw std::runtime_error("holds no T_camera_lidar (4 rows of 4 numbers)");
+  c.T_camera_lidar = isometryFromMatrix(readSquare<4>("T_camera_lidar", root["T_camera_lidar"]));
   if (root["covariance"]) {
     c.covariance = readSquare<6>("covariance", root["covariance"]);
     if (!c.covariance->allFinite()) throw std::runtime_error("covariance holds NaN or infinity");
@@ -212,30 +122,42 @@ StoredCalibration parse(const std::string& text) {
   return c;
 }
 
-// --- files ---
+// --- the format ---
 
-bool writeAll(int file, const std::string& text) {
-  std::size_t done = 0;
-  while (done < text.size()) {
-    const ssize_t count = ::write(file, text.data() + done, text.size() - done);
-    if (count < 0 && errno == EINTR) continue;
-    if (count < 0) return false;
-    done += static_cast<std::size_t>(count);
-  }
-  return true;
+CalibrationContents read(const FormatSource& source) {
+  CalibrationContents contents;
+  contents.calibration = parse(source.text);
+  return contents;
 }
 
-/// Not even a power cut may leave the new name without its content, hence fsync before the rename.
-bool writeAndRename(int file, const std::string& temporary, const std::string& path,
-                    const std::string& text) {
-  const bool written = writeAll(file, text) && ::fsync(file) == 0;
-  const int error = errno;
-  const bool closed = ::close(file) == 0;
-  if (!written) errno = error;
-  return written && closed && ::rename(temporary.c_str(), path.c_str()) == 0;
+std::string write(const CalibrationContents& contents, const FormatTarget&) {
+  return toYaml(requireCalibration(contents));
 }
 
 }  // namespace
+
+const Format kResultYaml = {"yaml",
+                            "this package's result file: extrinsic, covariance, scores",
+                            {true, false},
+                            [](const std::string& text) { return isYamlMapWith(text, {"T_camera_lidar"}); },
+                            [](const std::string& name) {
+                              return hasEnding(name, {".yaml", ".yml"});
+                            },
+                            read,
+                            write};
+
+std::string staticTransformPublisher(const StoredCalibration& calibration) {
+  const Eigen::Isometry3d T_lidar_camera = calibration.T_camera_lidar.inverse();
+  return "rosrun tf2_ros static_transform_publisher " + numbers(T_lidar_camera.translation()) + " " +
+         numbers(quaternion(T_lidar_camera.linear())) + " " + calibration.lidar_frame + " " +
+         calibration.camera_frame;
+}
+
+std::string urdfOrigin(const StoredCalibration& calibration) {
+  const Eigen::Isometry3d T_lidar_camera = calibration.T_camera_lidar.inverse();
+  return "<origin xyz=\"" + numbers(T_lidar_camera.translation()) + "\" rpy=\"" +
+         numbers(rollPitchYaw(T_lidar_camera.linear())) + "\"/>";
+}
 
 std::string toYaml(const StoredCalibration& c) {
   YAML::Emitter out;
@@ -263,33 +185,16 @@ std::string toYaml(const StoredCalibration& c) {
 }
 
 StoredCalibration readCalibration(const std::string& path) {
-  const std::string text = readText(path);
+  const std::string text = readCalibrationText(path);
   try {
     return parse(text);
   } catch (const std::exception& error) {  // of yaml-cpp, of isometryFromMatrix() and our own
-    throw fileError(path, error.what());
+    throw Error(ErrorCause::kFile, "calibration file '" + path + "': " + error.what());
   }
 }
 
 void writeCalibration(const std::string& path, const StoredCalibration& calibration) {
   writeFileAtomically(path, toYaml(calibration));
-}
-
-void writeFileAtomically(const std::string& path, const std::string& text) {
-  static std::atomic<unsigned> counter{0};
-  const std::string temporary =
-      path + "." + std::to_string(::getpid()) + "." + std::to_string(counter++) + ".tmp";
-  const auto fail = [&path](int error) {
-    return Error(ErrorCause::kFile, "cannot write '" + path + "': " + std::strerror(error) +
-                                        "; give a file in an existing, writable folder with free space");
-  };
-  const int file = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-  if (file < 0) throw fail(errno);
-  if (!writeAndRename(file, temporary, path, text)) {
-    const int error = errno;
-    ::unlink(temporary.c_str());
-    throw fail(error);
-  }
 }
 
 }  // namespace lidar_camera_recalibration
