@@ -587,6 +587,84 @@ def masks_section(bench):
     return '\n'.join(lines) + '\n' + table(rows, *results)
 
 
+# Label, dataset, options of evaluate, numbers of frames, starts, trials of each; whether the inputs are fit for use.
+NEAR = ('--range-rotation-deg', 1, '--range-translation-m', 0.05)
+NEAR_STARTS = ['0 0', '0.1 0.01', '0.3 0.02']
+GATE = [
+    ('kitti_00', ODD, [5, 10], STARTS, 6, True),
+    ('kitti_00, start right or nearly', ODD + NEAR, [5, 10], NEAR_STARTS, 6, True),
+    ('kitti_0926', (), [5, 'all'], ['E1'], 8, True),
+    ('pandar64_a, 2 frames', (), ['all'], ['E1'], 10, True),
+    ('simulation_64', (), [5, 10, 20], ['E1', 'E3'], 4, True),
+    ('simulation_64, start right or nearly', NEAR, [5, 10], NEAR_STARTS, 4, True),
+    ('simulation_16', (), [5, 10], ['E2'], 8, True),
+    ('simulation_16, start right or nearly', NEAR, [5, 10], NEAR_STARTS, 4, True),
+    ('kitti_00, 1 frame', ODD, [1], ['E1', 'E2'], 10, False),
+    ('simulation_64, 1 frame', (), [1], ['E2'], 10, False),
+    ('kitti_00, the 6 largest masks only', ODD + ('--masks', 'largest'), [1, 5], ['E2'], 8, False),
+    ('kitti_00, garbage for masks', ODD + ('--masks', 'garbage'), [5, 10], ['E2'], 8, False),
+    ('kitti_00, masks of another image', ODD + ('--masks', 'another'), [5, 10], ['E2'], 8, False),
+    ('kitti_00, start 15° off, range 5°', ODD + ('--range-rotation-deg', 5), [5], ['rx=15', 'ry=15', 'rz=15'], 6, False),
+]
+
+
+class GateCount:
+    """What became of some results: how many there are, and how many of them were refused."""
+
+    def __init__(self):
+        self.runs = self.accepted = self.worse = self.good = self.good_refused = self.near = self.near_refused = 0
+
+    def add(self, trial):
+        def within(prefix):
+            return float(trial[prefix + 'rotation_deg']) < 0.3 and float(trial[prefix + 'translation_m']) < 0.05
+        accepted = trial['accepted'] == '1'
+        self.runs += 1
+        self.accepted += accepted
+        self.worse += accepted and float(trial['shift_px']) > float(trial['start_shift_px'])
+        if within('start_'):
+            self.near += 1
+            self.near_refused += not accepted
+        elif within(''):
+            self.good += 1
+            self.good_refused += not accepted
+
+    def __iadd__(self, other):
+        for name, value in vars(other).items():
+            setattr(self, name, getattr(self, name) + value)
+        return self
+
+    def row(self, label):
+        share = ' ({:.0f} %)'.format(100 * self.good_refused / self.good) if self.good else ''
+        return '| {} | {} | {} | {} | {} of {}{} | {} of {} |'.format(
+            label, self.runs, self.accepted, '**{}**'.format(self.worse) if self.worse else 0, self.good_refused, self.good,
+            share, self.near_refused, self.near)
+
+
+def gate_section(bench):
+    """Each trial counts as accepted or not, better or worse than its start, within the tolerance or not."""
+    lines = ['| data | runs | accepted | accepted and worse than the start | good, but refused '
+             '| refused, start within the tolerance already |', 6 * '|---' + '|']
+    sums, reasons, results = {True: GateCount(), False: GateCount()}, collections.Counter(), []
+    for number, (label, extra, frames, starts, trials, usable) in enumerate(GATE):
+        name = label.split(',')[0]
+        dataset = bench.simulated(int(name.split('_')[1])) if name.startswith('simulation') else bench.real(name)
+        results.append(bench.run('gate-{}'.format(number), dataset, [METHOD], trials, frames=frames, starts=starts,
+                                 extra=('--seed', 3) + tuple(extra)))
+        count = GateCount()
+        for trial in results[-1].trials():
+            count.add(trial)
+            if trial['accepted'] == '0':
+                reasons[kind_of(trial['reason'].split(';')[0])] += 1
+        lines.append(count.row('{}, {} frames'.format(label, ', '.join(str(n) for n in frames))
+                               if 'frame' not in label else label))
+        sums[usable] += count
+    lines.append(sums[True].row('**fit for use**'))
+    lines.append(sums[False].row('**hopeless or nearly**'))
+    lines.append('')
+    lines += ['- {} times: {}'.format(count, reason) for reason, count in reasons.most_common()]
+    return '\n'.join(lines + [note(*results)])
+
+
 # --- the bars --------------------------------------------------------------------------------------------------------
 
 class Bar:
@@ -751,7 +829,7 @@ SECTIONS = collections.OrderedDict([
     ('rings', rings_section), ('halves', halves_section), ('ablation', ablation_section),
     ('offset', offset_section), ('covariance', covariance_section), ('basin', basin_section),
     ('slices', slices_section), ('masks', masks_section), ('motion', motion_section), ('monitor', monitor_section),
-    ('others', others_section)])
+    ('others', others_section), ('gate', gate_section)])
 
 
 def main():

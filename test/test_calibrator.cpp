@@ -43,7 +43,8 @@ TEST(Calibrator, FindsTheExtrinsicOfAnExactScene) {
   EXPECT_LT(after.angle(), before.angle() / 6.0);
   EXPECT_LT(after.distance(), before.distance());
   EXPECT_GT(result.after.total, result.before.total);
-  EXPECT_GT(result.validity, 0.8);
+  EXPECT_GT(*result.unseen.distinctness, 10.0);
+  EXPECT_GT(result.unseen.gain, 5.0 * result.unseen.gain_sigma);
   EXPECT_EQ(result.frames, 5u);
   EXPECT_GT(result.pixel_shift[0], 5.0);
   ASSERT_TRUE(result.covariance.has_value());
@@ -61,8 +62,7 @@ TEST(Calibrator, LeavesAGoodExtrinsicAlone) {
   EXPECT_LT(extrinsicError(first.T_camera_lidar, truth).angle() / kDegree, 0.3);
   const CalibrationOutcome second = calibrate(frames, first.T_camera_lidar, config);
   EXPECT_FALSE(second.accepted);
-  EXPECT_NE(second.reason.find("min_gain"), std::string::npos) << second.reason;
-  EXPECT_FALSE(second.covariance.has_value()) << "3 frames are too few";
+  EXPECT_NE(second.reason.find("the extrinsic in use is as good"), std::string::npos) << second.reason;
 }
 
 TEST(Calibrator, RefusesAResultOnTheBorderOfTheRange) {

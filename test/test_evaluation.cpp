@@ -53,13 +53,13 @@ TEST(Methods, AreObjectiveAndSearch) {
 }
 
 TEST(Methods, VariantsHaveTheLastWord) {
-  const CommonParameters common = {"", {"gate/min_gain=0.25", "gate/min_validity=0.25"}};
+  const CommonParameters common = {"", {"gate/min_significance=0.25", "gate/min_distinctness=0.25"}};
   const Method method = parseMethod(
-      "paper:gate/min_gain=0.5,initial/T_camera_lidar=[0,-1,0,1, 0,0,-1,2, 1,0,0,3, 0,0,0,1]", common);
+      "paper:gate/min_significance=0.5,initial/T_camera_lidar=[0,-1,0,1, 0,0,-1,2, 1,0,0,3, 0,0,0,1]", common);
   EXPECT_EQ(method.name, "paper");
   EXPECT_EQ(method.config.calibrator.search.search, "paper");
-  EXPECT_EQ(method.config.calibrator.gate.min_gain, 0.5);
-  EXPECT_EQ(method.config.calibrator.gate.min_validity, 0.25);
+  EXPECT_EQ(method.config.calibrator.gate.min_significance, 0.5);
+  EXPECT_EQ(method.config.calibrator.gate.min_distinctness, 0.25);
   ASSERT_TRUE(method.config.initial_T_camera_lidar);
   EXPECT_EQ(method.config.initial_T_camera_lidar->translation(), Eigen::Vector3d(1, 2, 3));
   const Method variant = parseMethod("no_culling:frame/cull_hidden=false", common);
@@ -70,7 +70,7 @@ TEST(Methods, VariantsHaveTheLastWord) {
 
 TEST(Methods, WrongOnesAreNamed) {
   expectContains(refusal([] { parseMethod("magic", {}); }), "--method magic: must be one of paper, ");
-  expectContains(refusal([] { parseMethod("a:gate/min_gian=1", {}); }), "gate/min_gain");
+  expectContains(refusal([] { parseMethod("a:gate/min_significanse=1", {}); }), "gate/min_significance");
   expectContains(refusal([] { parseMethod("a:frame", {}); }), "--method a:frame");
 }
 

@@ -72,7 +72,7 @@ TEST_F(OfflineToolsTest, RealFramesAreCalibrated) {
 TEST_F(OfflineToolsTest, RejectedResultsSaySo) {
   NEEDS_DATA;
   const Finished run = call(
-      "calibrate_bag k.bag --initial k.truth.yaml --out rejected.yaml --min-frames 2 --set gate/min_gain=0.9"
+      "calibrate_bag k.bag --initial k.truth.yaml --out rejected.yaml --min-frames 2 --set gate/min_distinctness=100"
       " --set search_range/rotation_deg=0.5");
   EXPECT_EQ(run.status, 3) << run.output;
   const StoredCalibration result = readCalibration(path("rejected.yaml"));
@@ -123,7 +123,7 @@ TEST_F(OfflineToolsTest, OtherProjectsFilesBeginAndEndIt) {
 
   // A rejected one does not get into a file that cannot say so.
   const Finished rejected =
-      call(quick + "--initial '" + reference + "' --set gate/min_gain=0.9 --out r.urdf");
+      call(quick + "--initial '" + reference + "' --set gate/min_distinctness=100 --out r.urdf");
   EXPECT_EQ(rejected.status, 3) << rejected.output;
   EXPECT_FALSE(fs::exists(path("r.urdf")));
   // What cannot be written in the end is said before the search.

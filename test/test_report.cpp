@@ -150,11 +150,11 @@ TEST_F(ReportTest, SaysWhatTheResultFileSaysAndNeedsNothingElse) {
 TEST_F(ReportTest, RejectedResultsHaveOneToo) {
   NEEDS_SIMULATION;
   const Finished run =
-      call("calibrate_bag drive.bag --set threads=2 --set gate/min_gain=0.9 --report rejected.html");
+      call("calibrate_bag drive.bag --set threads=2 --set gate/min_distinctness=100 --report rejected.html");
   ASSERT_EQ(run.status, 3) << run.output;
   const std::string page = textOf(path("rejected.html"));
   EXPECT_NE(page.find("id=\"verdict\" class=\"verdict rejected\""), std::string::npos);
-  EXPECT_NE(page.find("gate/min_gain is 0.9000"), std::string::npos);
+  EXPECT_NE(page.find("gate/min_distinctness is 100.0"), std::string::npos);
   EXPECT_NE(page.find("Why it was rejected"), std::string::npos);
   EXPECT_NE(page.find("\u2717</td><td>Gain of the score"), std::string::npos);
   EXPECT_NE(page.find("not for a vehicle"), std::string::npos);

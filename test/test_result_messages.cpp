@@ -10,7 +10,9 @@ TEST(ResultMessage, SaysWhichFramesWereLeftOut) {
   outcome.frames = 8;
   outcome.left_out = {1, 4};
   outcome.left_out_stamps = {1317046450.25, 1317046453.5};
-  outcome.distinctness = 7.5;
+  outcome.unseen.distinctness = 7.5;
+  outcome.unseen.scatter[4] = 0.25;
+  outcome.kept[5] = true;
   const CalibrationResult message = toMessage(outcome, {"camera", "lidar"}, ros::Time(5));
   EXPECT_EQ(message.frames, 8u);
   EXPECT_EQ(message.frames_left_out, 2u);
@@ -18,6 +20,9 @@ TEST(ResultMessage, SaysWhichFramesWereLeftOut) {
   EXPECT_EQ(message.stamps_left_out[0], ros::Time(1317046450, 250000000));
   EXPECT_EQ(message.stamps_left_out[1], ros::Time(1317046453, 500000000));
   EXPECT_EQ(message.distinctness, 7.5);
+  EXPECT_EQ(message.scatter[4], 0.25);
+  EXPECT_TRUE(message.kept[5]);
+  EXPECT_FALSE(message.kept[4]);
 }
 
 TEST(ResultMessage, WhatIsUnknownIsMinusOne) {

@@ -800,7 +800,7 @@ TEST(Automatic, ADriftIsNoticedCorrectedSavedAndRestored) {
 
 TEST(Automatic, RejectedResultsChangeNothingAndAreNotRepeatedAtOnce) {
   ServerConfig config = automaticConfig("");
-  config.calibrator.gate.min_gain = 0.9;
+  config.calibrator.gate.min_distinctness = 100.0;
   Rig rig(config);
   for (unsigned frame = 0; frame < 55; ++frame)
     rig.add(syntheticMessages(1 + frame % 12, ros::Time(101 + frame)));

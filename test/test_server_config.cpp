@@ -161,9 +161,9 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
       {"paper/refine_evaluations", 100},
       {"seed", 42},
       {"threads", 4},
-      {"gate/min_gain", 0.01},
-      {"gate/min_frame_agreement", 0.9},
-      {"gate/min_validity", 0.8},
+      {"gate/min_significance", 3.0},
+      {"gate/min_rotation_deg", 0.1},
+      {"gate/min_translation_m", 0.01},
       {"gate/min_distinctness", 6.0},
       {"gate/max_rotation_sigma_deg", 0.4},
       {"gate/max_translation_sigma_m", 0.3},
@@ -204,8 +204,9 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
   EXPECT_DOUBLE_EQ(2.0, config.calibrator.objective.weight_normal);
   EXPECT_DOUBLE_EQ(3.0, config.calibrator.objective.weight_segment);
   EXPECT_EQ(42u, config.calibrator.search.seed);
-  EXPECT_DOUBLE_EQ(0.9, config.calibrator.gate.min_frame_agreement);
-  EXPECT_DOUBLE_EQ(0.8, config.calibrator.gate.min_validity);
+  EXPECT_DOUBLE_EQ(3.0, config.calibrator.gate.min_significance);
+  EXPECT_DOUBLE_EQ(0.1, config.calibrator.gate.min_rotation_deg);
+  EXPECT_DOUBLE_EQ(0.01, config.calibrator.gate.min_translation_m);
   EXPECT_DOUBLE_EQ(6.0, config.calibrator.gate.min_distinctness);
   EXPECT_DOUBLE_EQ(0.4, config.calibrator.gate.max_rotation_sigma_deg);
   EXPECT_DOUBLE_EQ(0.3, config.calibrator.gate.max_translation_sigma_m);
@@ -233,7 +234,7 @@ TEST(ServerConfig, wrongTypes) {
   expectRefused("mode", 1);
   XmlRpcValue list;
   list[0] = 1.0;
-  expectRefused("gate/min_gain", list);
+  expectRefused("gate/min_significance", list);
   XmlRpcValue tree;
   tree["rotation_deg"] = 1.0;
   expectRefused("search", tree);
@@ -328,10 +329,10 @@ TEST(ServerConfig, initialExtrinsicIsRowByRow) {
 TEST(ServerConfig, unknownNamesGetTheNearestKnownOne) {
   EXPECT_TRUE(unknownParameters(parameterNames()).empty());
   EXPECT_TRUE(unknownParameters({"image_transport"}).empty());
-  const auto sentences = unknownParameters({"frames/mim", "seed", "min_gain", "sync/max_gap"});
+  const auto sentences = unknownParameters({"frames/mim", "seed", "min_distinct", "sync/max_gap"});
   ASSERT_EQ(3u, sentences.size());
   EXPECT_EQ("there is no parameter 'frames/mim'; did you mean 'frames/min'?", sentences[0]);
-  EXPECT_EQ("there is no parameter 'min_gain'; did you mean 'gate/min_gain'?", sentences[1]);
+  EXPECT_EQ("there is no parameter 'min_distinct'; did you mean 'gate/min_distinctness'?", sentences[1]);
   EXPECT_NE(std::string::npos, sentences[2].find("'sync/max_")) << sentences[2];
 }
 

@@ -247,14 +247,14 @@ TEST(Tool, ErrorsAreOne) {
 TEST(Parameters, WordsComeAfterTheFile) {
   const auto path =
       std::filesystem::temp_directory_path() / ("test_tools_" + std::to_string(getpid()) + ".yaml");
-  std::ofstream(path) << "gate: {min_gain: 0.5, min_validity: 0.25}\nframes:\n  min: 3\n";
-  const ServerConfig config = loadServerConfig(path.string(), {"gate/min_gain=0.125", "camera_frame=eye"});
+  std::ofstream(path) << "gate: {min_significance: 0.5, min_distinctness: 0.25}\nframes:\n  min: 3\n";
+  const ServerConfig config = loadServerConfig(path.string(), {"gate/min_significance=0.125", "camera_frame=eye"});
   std::filesystem::remove(path);
-  EXPECT_EQ(config.calibrator.gate.min_gain, 0.125);
-  EXPECT_EQ(config.calibrator.gate.min_validity, 0.25);
+  EXPECT_EQ(config.calibrator.gate.min_significance, 0.125);
+  EXPECT_EQ(config.calibrator.gate.min_distinctness, 0.25);
   EXPECT_EQ(config.frames_min, 3);
   EXPECT_EQ(config.camera_frame, "eye");
-  EXPECT_EQ(loadServerConfig("", {}).calibrator.gate.min_gain, GateConfig().min_gain);
+  EXPECT_EQ(loadServerConfig("", {}).calibrator.gate.min_significance, GateConfig().min_significance);
 }
 
 TEST(Parameters, MatrixAsWord) {
@@ -275,10 +275,10 @@ TEST(Parameters, WrongOnesAreRefused) {
     return ErrorCause::kCloud;
   };
   EXPECT_EQ(cause("", {"gate/min_gian=0.1"}), ErrorCause::kParameter);
-  EXPECT_EQ(cause("", {"gate/min_gain"}), ErrorCause::kParameter);
-  EXPECT_EQ(cause("", {"gate/min_gain=much"}), ErrorCause::kParameter);
-  EXPECT_EQ(cause("", {"gate/min_gain=[1"}), ErrorCause::kParameter);
-  EXPECT_EQ(cause("", {"gate/min_gain=-1"}), ErrorCause::kParameter);
+  EXPECT_EQ(cause("", {"gate/min_significance"}), ErrorCause::kParameter);
+  EXPECT_EQ(cause("", {"gate/min_significance=much"}), ErrorCause::kParameter);
+  EXPECT_EQ(cause("", {"gate/min_significance=[1"}), ErrorCause::kParameter);
+  EXPECT_EQ(cause("", {"gate/min_significance=-1"}), ErrorCause::kParameter);
   EXPECT_EQ(cause("nowhere.yaml", {}), ErrorCause::kFile);
 }
 

@@ -12,13 +12,19 @@
 
 namespace lidar_camera_recalibration {
 
-/// When a result may replace the current extrinsic.
+/// When a result may replace the current extrinsic. In the result's own standard deviations where nothing
+/// else is said.
 struct GateConfig {
-  double min_gain = 0.002;            ///< the score must rise by this much ...
-  double min_frame_agreement = 0.65;  ///< ... and on at least this share of the frames
-  double min_validity = 0.7;          ///< share of perturbed extrinsics that must score worse than the result
-  double min_distinctness = 4.0;      ///< least distinctness() of the result
-  // Largest standard deviations of the result on any axis, where there is a covariance.
+  /// The score must rise by so much on frames that the search did not see, and one axis at least must be
+  /// corrected by so much.
+  double min_significance = 2.0;
+  double min_distinctness = 4.0;  ///< least UnseenEvidence::distinctness
+  // One axis at least must be corrected by so much: wrong intrinsics or stamps make errors of this size that
+  // no standard deviation knows of.
+  double min_rotation_deg = 0.05;
+  double min_translation_m = 0.02;
+  // An axis with a larger standard deviation keeps the value of the start; and parts of the frames must agree
+  // on the others to this.
   double max_rotation_sigma_deg = 0.3;
   double max_translation_sigma_m = 0.1;
 };
@@ -32,18 +38,28 @@ struct CalibratorConfig {
 
 constexpr std::array<double, 3> kShiftDistances = {10.0, 20.0, 40.0};  ///< [m]
 
+/// What frames say about results that were found without them: see crossValidate().
+struct UnseenEvidence {
+  double gain = 0.0, gain_sigma = 0.0;  ///< by how much the score rises over the start; mean over the frames
+  /// By how many standard deviations of the scores around them (rotations by up to 4 deg on each axis) the
+  /// results stand out, all frames together: chance reaches 2 to 3. Nothing if the objective is not peaked.
+  std::optional<double> distinctness;
+  /// Standard deviation of the result on each axis, from how far searches on parts of the frames disagree
+  /// [rad, m]; half the difference if these are halves.
+  Vector6d scatter = Vector6d::Zero();
+};
+
 struct CalibrationOutcome {
-  Eigen::Isometry3d T_camera_lidar =
-      Eigen::Isometry3d::Identity();  ///< what the search found, accepted or not
+  /// What the search found, accepted or not; the start's values on the axes that are kept.
+  Eigen::Isometry3d T_camera_lidar = Eigen::Isometry3d::Identity();
   Eigen::Isometry3d start = Eigen::Isometry3d::Identity();
-  /// Covariance of the perturbation xi (see extrinsic.hpp) [rad^2, m^2], from refinements on parts of
-  /// the frames (bootstrap or disjoint groups); nothing below 5 frames. Blind to an error that all frames
-  /// share.
+  /// Covariance of the perturbation xi (see extrinsic.hpp) [rad^2, m^2], from refinements on parts of the
+  /// frames (bootstrap or disjoint groups). Blind to an error that all frames share. Nothing below 5 frames
+  /// with a random search.
   std::optional<Matrix6d> covariance;
+  std::array<bool, 6> kept = {};  ///< axes of xi that the frames do not determine
   Score before, after;
-  double validity = 0.0;               ///< share of small perturbations of the result that score worse, 0..1
-  double frame_agreement = 0.0;        ///< share of the frames whose own score rose
-  std::optional<double> distinctness;  ///< see distinctness(); nothing if the objective is not peaked
+  UnseenEvidence unseen;
   std::array<double, 3> pixel_shift = {0.0, 0.0, 0.0};  ///< between start and result at kShiftDistances [px]
   bool accepted = false;
   bool cancelled = false;
@@ -56,6 +72,17 @@ struct CalibrationOutcome {
   double duration = 0.0;  ///< wall time of the search [s]
 };
 
+/// One thing that a result is asked, for people.
+struct GateCheck {
+  std::string what, measured, needed;
+  bool passed;
+  std::string objection;  ///< a sentence without full stop, in case it is not passed
+};
+
+/// All that a result is asked, in the order in which it counts: the first one that it does not pass is the
+/// reason of the rejection.
+std::vector<GateCheck> gateChecks(const CalibrationOutcome& result, const CalibratorConfig& config);
+
 /// Share of a fixed pattern of perturbations (+-0.5 and 1 deg, +-10 and 20 cm on each axis) that scores worse
 /// than T: 1 at a clean optimum, about 0.5 at an arbitrary place.
 double validityIndex(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar, int threads = 1);
@@ -65,8 +92,8 @@ double validityIndex(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lid
 /// downs.
 double distinctness(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar, int threads = 1);
 
-/// Frames and a start become a judged result: search, consensus of the frames, covariance, validity, gate.
-/// Stateless; one call, one calibration.
+/// Frames and a start become a judged result: search, consensus of the frames, covariance, cross-validation,
+/// gate. Stateless; one call, one calibration.
 /// @throw Error(kNotEnough) without frames, Error(kParameter) for a bad configuration.
 CalibrationOutcome calibrate(const Frames& frames, const Eigen::Isometry3d& start,
                              const CalibratorConfig& config, const Progress& progress = nullptr);

@@ -52,6 +52,7 @@ struct EdgePoints {
   std::vector<float> x, y, z;  ///< [m], on the nearer side
   std::vector<float> weight;   ///< how clear, the samples of one ring gap together; less in a crowd; 0..1
   std::vector<Kind> kind;
+  double ring_step = 0.0;  ///< median angle from ring to ring [rad]; 0 without rings
 
   std::size_t size() const { return x.size(); }
 };

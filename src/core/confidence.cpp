@@ -1,16 +1,20 @@
 #include "confidence.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 #include <random>
 #include <vector>
 
 #include "progress_part.hpp"
+#include "strips.hpp"
 
 namespace lidar_camera_recalibration {
 namespace {
 
 constexpr std::size_t kMinFrames = 5;
+// Of strips in place of frames. With fewer draws without any edge in half of the image become likely.
+constexpr std::size_t kMinStrips = 8;
 // They bound the cost; more would hardly make the covariance any better.
 constexpr std::size_t kBootstraps = 20, kMaxDisjointGroups = 6;
 
@@ -46,15 +50,29 @@ Matrix6d scatterOf(const std::vector<Vector6d>& deviations, const Vector6d& mean
   return scatter / static_cast<double>(deviations.size() - 1);
 }
 
+/// What no draw of frames shows, since all of them share it: borders are placed on the image's edges to a
+/// tenth of a pixel, and level edges of the LiDAR are known to the gap between two rings, each on average not
+/// quite in the middle. Sizes measured on simulated drives, 16 and 64 beams; in metres, the same for things
+/// at 10 m.
+Vector6d commonSigma(const Frames& frames) {
+  constexpr double kPixels = 0.08, kShareOfGap = 0.015, kDistance = 10.0;  // [m]
+  const double border = kPixels / frames.front()->camera.intrinsics().fx;
+  const double level = std::hypot(border, kShareOfGap * frames.front()->edges.ring_step);
+  Vector6d sigma;
+  sigma << level, border, border, kDistance * border, kDistance * level, kDistance * border;
+  return sigma;
+}
+
 }  // namespace
 
 Resampling resample(const Search& search, const Objective& objective, const Frames& frames,
                     const Eigen::Isometry3d& result, int threads, const Progress& progress) {
   Resampling resampling;
   resampling.T_camera_lidar = result;
-  if (frames.size() < kMinFrames) return resampling;
-  const bool exact = search.refinesExactly();
-  const std::vector<Frames> sets = exact ? bootstraps(frames) : disjointGroups(frames);
+  const bool few = frames.size() < kMinFrames, exact = search.refinesExactly();
+  if (few && !exact) return resampling;
+  const Frames units = few ? framesOrStrips(frames, result, kMinStrips) : frames;
+  const std::vector<Frames> sets = exact ? bootstraps(units) : disjointGroups(units);
   std::vector<Vector6d> deviations(sets.size());
   std::vector<std::size_t> evaluations(sets.size(), 0);
   const auto refine = [&](std::size_t i, const Progress& own_progress) {
@@ -67,14 +85,15 @@ Resampling resample(const Search& search, const Objective& objective, const Fram
   if (resampling.cancelled) return resampling;
   const Vector6d mean = meanOf(deviations);
   const Matrix6d scatter = scatterOf(deviations, mean);
-  const auto count = static_cast<double>(frames.size()), groups = static_cast<double>(sets.size());
+  const auto count = static_cast<double>(units.size()), groups = static_cast<double>(sets.size());
   if (exact) {
-    resampling.T_camera_lidar = exp(mean) * result;
+    if (!few) resampling.T_camera_lidar = exp(mean) * result;
     // Of n frames drawn with replacement the mean scatters less than that of n new ones.
     resampling.covariance = scatter * (count / (count - 1.0));
   } else {
     resampling.covariance = scatter / groups;  // single groups scatter more than the mean of all
   }
+  resampling.covariance->diagonal() += commonSigma(frames).cwiseAbs2();
   return resampling;
 }
 

@@ -18,8 +18,9 @@ struct Resampling {
 };
 
 /// How far the result would move with other frames of the same kind, and the mean over such sets of frames,
-/// which scatters less than the result itself. Blind to an error that all frames share. Below 5 frames the
-/// result stays as it is and there is no covariance: it was measured to be several times too small.
+/// which scatters less than the result itself. Blind to an error that all frames share, but for what the
+/// borders of masks are known to. Below 5 frames the result stays as it is, and strips of the frames are
+/// drawn in place of frames; with a random search there is no covariance then.
 ///
 /// With a search that refines exactly: bootstrap, the result is refined on 20 sets of as many frames, drawn
 /// with replacement; each frame is drawn as often as any other. T_camera_lidar is the mean of the

@@ -156,6 +156,7 @@ class EdgeFinder {
     addRingGaps();
     for (auto* column : {&edges_.x, &edges_.y, &edges_.z, &edges_.weight}) column->shrink_to_fit();
     edges_.kind.shrink_to_fit();
+    edges_.ring_step = ringStep();
     return std::move(edges_);
   }
 
@@ -186,6 +187,14 @@ class EdgeFinder {
     } else if (10 * rising < 8 * rings_.size()) {
       std::stable_sort(rings_.begin(), rings_.end(), rises);
     }
+  }
+
+  double ringStep() const {
+    if (rings_.size() < 2) return 0.0;
+    std::vector<float> steps;
+    for (std::size_t r = 1; r < rings_.size(); ++r)
+      steps.push_back(std::abs(rings_[r].elevation - rings_[r - 1].elevation));
+    return static_cast<double>(median(std::move(steps)));
   }
 
   // Height and slope by least squares of z/h = slope + height/h. The height stays near 0 where a ring has met

@@ -52,9 +52,13 @@ CalibrationResult toMessage(const CalibrationOutcome& outcome, const FrameIds& f
   }
   message.evaluations = static_cast<std::uint32_t>(outcome.evaluations);
   message.duration = outcome.duration;
-  message.validity = outcome.validity;
-  message.distinctness = outcome.distinctness.value_or(-1.0);
-  message.frame_agreement = outcome.frame_agreement;
+  message.unseen_gain = outcome.unseen.gain;
+  message.unseen_gain_sigma = outcome.unseen.gain_sigma;
+  message.distinctness = outcome.unseen.distinctness.value_or(-1.0);
+  for (std::size_t axis = 0; axis < 6; ++axis) {
+    message.kept[axis] = outcome.kept[axis];
+    message.scatter[axis] = outcome.unseen.scatter[static_cast<Eigen::Index>(axis)];
+  }
   std::copy(outcome.pixel_shift.begin(), outcome.pixel_shift.end(), message.pixel_shift.begin());
   return message;
 }

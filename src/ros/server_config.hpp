@@ -71,7 +71,7 @@ struct ServerConfig {
   bool overlay_compare = false;  ///< start and result one above the other
 };
 
-/// Looks up a parameter by its private name (`gate/min_gain`); false if it is not set.
+/// Looks up a parameter by its private name (`gate/min_significance`); false if it is not set.
 using ParameterSource = std::function<bool(const std::string& name, XmlRpc::XmlRpcValue& value)>;
 
 /// Parameters by their private names.

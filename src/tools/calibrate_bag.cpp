@@ -326,8 +326,9 @@ void print(const CalibrationResult& result, const std::optional<Eigen::Isometry3
   const std::string verdict = result.accepted ? "accepted" : "rejected";
   const bool said = result.reason.rfind(verdict, 0) == 0;
   std::printf("%s\n", said ? result.reason.c_str() : (verdict + ": " + result.reason).c_str());
-  std::printf("score %.4f -> %.4f, validity %.2f, better on %.0f %% of %u frames\n", result.score_before,
-              result.score_after, result.validity, 100.0 * result.frame_agreement, result.frames);
+  std::printf("score %.4f -> %.4f on %u frames; on unseen ones it rises by %.4f +- %.4f\n",
+              result.score_before, result.score_after, result.frames, result.unseen_gain,
+              result.unseen_gain_sigma);
   if (result.frames_left_out > 0) {
     std::printf("%u of %u frames left out because they contradict the others\n", result.frames_left_out,
                 result.frames + result.frames_left_out);
@@ -356,9 +357,10 @@ std::string toJson(const CalibrationResult& result, const std::optional<Eigen::I
   put("evaluations", result.evaluations);
   put("score_before", result.score_before);
   put("score_after", result.score_after);
-  put("validity", result.validity);
+  put("unseen_gain", result.unseen_gain);
+  put("unseen_gain_sigma", result.unseen_gain_sigma);
   put("distinctness", result.distinctness);
-  put("frame_agreement", result.frame_agreement);
+  put("kept", std::vector<int>(result.kept.begin(), result.kept.end()));
   put("pixel_shift", std::vector<double>(result.pixel_shift.begin(), result.pixel_shift.end()));
   const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> matrix = isometry(result.transform).matrix();
   put("T_camera_lidar", std::vector<double>(matrix.data(), matrix.data() + 16));
@@ -505,7 +507,7 @@ int calibrateBagMain(int argc, char** argv) {
                              "the recording")("config", po::value(&options.config)->value_name("YAML"),
                                               "parameters of the node (default: its defaults)")(
       "set", po::value(&options.assignments)->composing()->value_name("NAME=VALUE"),
-      "one parameter, such as gate/min_gain=0.01; may be repeated")(
+      "one parameter, such as gate/min_distinctness=6; may be repeated")(
       "out", po::value(&options.out)->value_name("FILE"),
       "the result, in this package's YAML also a rejected one; its format is told by an existing file's "
       "content, else by "

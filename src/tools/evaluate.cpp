@@ -169,6 +169,8 @@ int evaluateMain(int argc, char** argv) {
       "all, or the frames at even or odd positions: to tune on one half and measure on the other");
   add("every-ring", inRange(1, 64, &options.choice.every_ring, "every-ring")->value_name("N"),
       "keep one of N rings of the clouds: a LiDAR with fewer beams (default 1)");
+  add("masks", po::value(&options.choice.masks)->value_name("WHICH"),
+      "the masks as given, or spoilt: the 6 largest of each image, garbage, or those of another image");
   add("threads", atLeast(1, &plan.threads, "threads")->value_name("N"),
       "trials at once (default: one a core)");
   add("csv", po::value(&options.csv)->value_name("FILE"), "a line for each trial");
@@ -176,7 +178,7 @@ int evaluateMain(int argc, char** argv) {
   add("config", po::value(&options.parameters.yaml_file)->value_name("YAML"),
       "parameters of the node (frames, search, gate)");
   add("set", po::value(&options.parameters.assignments)->composing()->value_name("NAME=VALUE"),
-      "one parameter, such as gate/min_gain=0.01; may be repeated");
+      "one parameter, such as gate/min_distinctness=6; may be repeated");
   return runTool(argc, argv, line, [&options](const po::variables_map&) {
     const std::string& set = options.choice.frame_set;
     if (set != "all" && set != "even" && set != "odd")

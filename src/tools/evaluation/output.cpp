@@ -53,6 +53,16 @@ std::string frameNames(const Run& run) {
   return names;
 }
 
+/// Names of the axes that were left as they were.
+std::string keptAxes(const Run& run) {
+  const char* const names[] = {"rx", "ry", "rz", "tx", "ty", "tz"};
+  std::string axes;
+  for (std::size_t i = 0; i < 6; ++i) {
+    if (run.outcome.kept[i]) axes += (axes.empty() ? "" : " ") + std::string(names[i]);
+  }
+  return axes;
+}
+
 struct Column {
   std::string name;
   std::function<std::string(const Cell&, std::size_t)> text;  ///< of the trial with this number
@@ -103,6 +113,16 @@ void addSigmaColumns(std::vector<Column>& columns) {
   }
 }
 
+/// By searches on parts of the frames.
+void addScatterColumns(std::vector<Column>& columns) {
+  const char* const names[] = {"scatter_rx_deg", "scatter_ry_deg", "scatter_rz_deg",
+                               "scatter_tx_m",   "scatter_ty_m",   "scatter_tz_m"};
+  for (int i = 0; i < 6; ++i) {
+    const double unit = i < 3 ? kDegree : 1.0;
+    columns.push_back(ofRuns(names[i], [=](const Run& run) { return run.outcome.unseen.scatter[i] / unit; }));
+  }
+}
+
 std::vector<Column> makeColumns() {
   std::vector<Column> columns = {
       {"method", [](const Cell& cell, std::size_t) { return inQuotes(cell.method); }},
@@ -119,13 +139,15 @@ std::vector<Column> makeColumns() {
       ofTrial("accepted", [](const Trial& trial) { return std::to_string(accepted(trial)); }),
       ofRuns("score_before", [](const Run& run) { return run.outcome.before.total; }),
       ofRuns("score_after", [](const Run& run) { return run.outcome.after.total; }),
-      ofRuns("validity", [](const Run& run) { return run.outcome.validity; }),
-      ofRuns("distinctness", [](const Run& run) { return run.outcome.distinctness.value_or(-1.0); }),
-      ofRuns("frame_agreement", [](const Run& run) { return run.outcome.frame_agreement; }),
+      ofRuns("unseen_gain", [](const Run& run) { return run.outcome.unseen.gain; }),
+      ofRuns("unseen_gain_sigma", [](const Run& run) { return run.outcome.unseen.gain_sigma; }),
+      ofRuns("distinctness", [](const Run& run) { return run.outcome.unseen.distinctness.value_or(-1.0); }),
+      ofTrial("kept", [](const Trial& trial) { return joined(trial, keptAxes); }),
       ofRuns("left_out", [](const Run& run) { return double(run.outcome.left_out.size()); }),
       ofRuns("contradicting", [](const Run& run) { return double(run.outcome.contradicting); })};
   columns.insert(columns.end(), others.begin(), others.end());
   addSigmaColumns(columns);
+  addScatterColumns(columns);
   columns.push_back(ofRuns("evaluations", [](const Run& run) { return double(run.outcome.evaluations); }));
   columns.push_back(ofTrial("reason", [](const Trial& trial) {
     return joined(trial, [](const Run& run) { return run.outcome.reason; });
