@@ -34,7 +34,7 @@ def free_port():
 def start_master(log_folder):
     port = free_port()
     os.environ.update(ROS_MASTER_URI="http://localhost:%d" % port, ROS_HOSTNAME="localhost", ROS_LOG_DIR=log_folder,
-                      MALLOC_MMAP_THRESHOLD_="131072")  # as recalibrate.launch sets it
+                      MALLOC_MMAP_THRESHOLD_="131072", MALLOC_ARENA_MAX="2")  # as recalibrate.launch sets them
     master = subprocess.Popen(["rosmaster", "--core", "-p", str(port)], stdout=subprocess.DEVNULL,
                               stderr=subprocess.DEVNULL)
     deadline = time.time() + 30

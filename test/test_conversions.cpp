@@ -5,13 +5,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <cstring>
+#include <fstream>
 #include <functional>
 #include <limits>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <random>
 
+#include "camera_info_file.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 
 namespace lidar_camera_recalibration {
@@ -288,7 +291,7 @@ TEST(ToPointCloud, ringOfAnyIntegerType) {
   EXPECT_TRUE(
       toPointCloud(makeCloud(xyzAnd({{"ring", PointField::UINT32}}), {{1, 0, 0, 70000}}), "").ring.empty());
   EXPECT_TRUE(
-      toPointCloud(makeCloud(xyzAnd({{"ring", PointField::FLOAT32}}), {{1, 0, 0, 1}}), "").ring.empty());
+      toPointCloud(makeCloud(xyzAnd({{"ring", PointField::FLOAT32}}), {{1, 0, 0, 1.5}}), "").ring.empty());
 }
 
 TEST(ToPointCloud, organisedCloudWithPaddedRows) {
@@ -324,6 +327,18 @@ TEST(ToPointCloud, missingCoordinates) {
   PointCloud2 bare = cloud;
   bare.fields.clear();
   expectCloudError(bare, {"'x'", "none"});
+}
+
+// Velodyne's driver until 2021.
+TEST(ToPointCloud, rowStepLeftAtZero) {
+  PointCloud2 cloud = makeCloud(xyzAnd({{"channel", PointField::UINT8}}), {{1, 2, 3, 4}, {5, 6, 7, 8}});
+  cloud.row_step = 0;
+  EXPECT_EQ((std::vector<std::uint16_t>{4, 8}), toPointCloud(cloud, "").ring);
+  cloud.width = 1;
+  cloud.height = 2;
+  EXPECT_EQ(2u, toPointCloud(cloud, "").size());
+  cloud.data.pop_back();
+  expectCloudError(cloud, {"row_step"});
 }
 
 TEST(ToPointCloud, contradictingSizes) {
@@ -521,6 +536,36 @@ TEST(ToCamera, sizesOfNoCamera) {
 }
 
 // The pixel of a point must move as the image is cropped, then shrunk.
+TEST(CameraInfoFile, asCameraCalibrationWritesIt) {
+  const std::string path = testing::TempDir() + "/camera_info.yaml";
+  const auto write = [&path](const std::string& text) { std::ofstream(path) << text; };
+  const std::string size = "image_width: 640\nimage_height: 480\ncamera_name: front\n";
+  const std::string matrix =
+      "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [500, 0, 320, 0, 501, 240, 0, 0, 1]\n";
+  write(size + matrix +
+        "distortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [0.1, 0, 0, 0, "
+        "0]\n"
+        "rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}\n"
+        "projection_matrix: {rows: 3, cols: 4, data: [490, 0, 321, 0, 0, 491, 241, 0, 0, 0, 1, 0]}\n");
+  const sensor_msgs::CameraInfo info = readCameraInfoFile(path);
+  EXPECT_EQ(info.width, 640u);
+  EXPECT_EQ(info.height, 480u);
+  EXPECT_EQ(toCamera(info, false).intrinsics().fy, 501.0);
+  EXPECT_EQ(toCamera(info, false).intrinsics().distortion.at(0), 0.1);
+  EXPECT_EQ(toCamera(info, true).intrinsics().fy, 491.0);
+  const auto expectRefusal = [&](const std::string& text, const std::string& word) {
+    write(text);
+    expectError(ErrorCause::kFile, {path, word}, [&] { readCameraInfoFile(path); });
+  };
+  expectRefusal(matrix, "image_width");
+  expectRefusal(size, "camera_matrix");
+  expectRefusal(size + "camera_matrix: {data: [1, 2]}", "2 numbers instead of 9");
+  expectRefusal(size + "camera_matrix: [500, 0, 320]", "camera_matrix");
+  expectRefusal("- a", "name: value");
+  std::remove(path.c_str());
+  expectError(ErrorCause::kFile, {path}, [&] { readCameraInfoFile(path); });
+}
+
 TEST(ToCamera, roiAndBinning) {
   sensor_msgs::CameraInfo info = makeInfo();
   const Eigen::Vector3d point(0.4, -0.3, 2.0);
@@ -894,6 +939,14 @@ TEST(Decode, bayerPatternsStayRaw) {
   EXPECT_EQ("bayer_rggb8", message->encoding);
   EXPECT_EQ("8UC1", decode(compress(".png", ramp(CV_8UC1), "bayer_rggb16; png compressed"))->encoding);
   EXPECT_EQ("8UC3", decode(compress(".png", ramp(CV_8UC3), "bayer_rggb8; jpeg compressed bgr8"))->encoding);
+}
+
+TEST(Decode, masksAreNoJpeg) {
+  sensor_msgs::CompressedImage message;
+  cv::imencode(".jpg", cv::Mat(8, 8, CV_8UC1, cv::Scalar(3)), message.data);
+  expectError(ErrorCause::kMasks, {"JPEG", "PNG"}, [&] { decodeMasks(message); });
+  cv::imencode(".png", cv::Mat(8, 8, CV_16UC1, cv::Scalar(300)), message.data);
+  EXPECT_EQ(300, toMaskLayers(*decodeMasks(message)).at(0).at<int>(3, 3));
 }
 
 TEST(Decode, rubbish) {

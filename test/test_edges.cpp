@@ -228,8 +228,10 @@ TEST(Rings, AreFoundInCloudsRingByRingAndColumnByColumn) {
   }
   expectSameRings(rings, ringsOf(by_ring));
   expectSameRings(rings_of_column, ringsOf(by_column));
-  by_ring.ring.assign(by_ring.size(), 7);
+  for (std::size_t i = 0; i < by_ring.size(); ++i) by_ring.ring.push_back(static_cast<std::uint16_t>(i % 4));
   EXPECT_EQ(ringsOf(by_ring), by_ring.ring) << "the sensor's own";
+  by_ring.ring.assign(by_ring.size(), 0);
+  expectSameRings(rings, ringsOf(by_ring));  // a column that the driver did not fill
   EXPECT_TRUE(ringsOf(PointCloud()).empty());
 }
 

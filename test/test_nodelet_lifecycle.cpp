@@ -113,6 +113,7 @@ TEST(NodeletLifecycle, TakesCompressedImages) {
   const std::string node = "/compressed_recalibration";
   setQuickParameters(node);
   ros::param::set(node + "/compressed", true);
+  ros::param::set(node + "/masks_compressed", true);
   ros::param::set(node + "/initial/T_camera_lidar",
                   std::vector<double>{0, -1, 0, 0.05, 0, 0, -1, -0.3, 1, 0, 0, -0.2, 0, 0, 0, 1});
   ros::NodeHandle handle;

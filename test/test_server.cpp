@@ -742,13 +742,16 @@ TEST_F(BadInput, CompressedImagesAndMasks) {
   broken->format = "jpeg";
   broken->data = {0xff, 0xd8, 0xff};
   rig_.server->addImage(broken);
+  rig_.server->waitUntilIdle();
+  RecalibrationState state = rig_.server->state();
+  EXPECT_TRUE(contains(state.text, "neither PNG nor JPEG")) << state.text;
   rig_.server->addMasks(broken);
   rig_.server->waitUntilIdle();
-  const RecalibrationState state = rig_.server->state();
+  state = rig_.server->state();
   EXPECT_EQ(state.dropped_invalid, 1u);
   EXPECT_EQ(state.dropped_unknown_masks, 1u);
   EXPECT_EQ(state.images, 2u);
-  EXPECT_TRUE(contains(state.text, "neither PNG nor JPEG")) << state.text;
+  EXPECT_TRUE(contains(state.text, "a JPEG, which changes the ids")) << state.text;
 }
 
 // --- mode automatic ---

@@ -109,7 +109,13 @@ TEST(ServerConfig, everyParameterReachesItsMember) {
 
   const Parameters other = {
       {"image_rectified", true},
+      {"topics/image", "/a/image"},
+      {"topics/camera_info", "/a/info"},
+      {"topics/points", "lidar"},
+      {"topics/masks", "/a/masks"},
+      {"camera_info_file", "camera.yaml"},
       {"compressed", true},
+      {"masks_compressed", true},
       {"intensity_field", "remission"},
       {"camera_frame", "cam"},
       {"lidar_frame", "os"},

@@ -6,6 +6,7 @@
 #include <fstream>
 
 #include "bag_topics.hpp"
+#include "cameras.hpp"
 #include "command_line.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
@@ -69,6 +70,51 @@ TEST(Topics, GivenNamesStay) {
                                          given);
   EXPECT_EQ(topics.image, "/b/image_raw");
   EXPECT_EQ(topics.camera_info, "/b/camera_info");
+}
+
+TEST(Topics, AreFoundWithOrWithoutSlashAndTransport) {
+  InputTopics given;
+  given.image = "/cam_front";
+  given.points = "/lidar_top";
+  const InputTopics topics =
+      guessTopics({{"cam_front/compressed", kCompressed, 90}, {"lidar_top", kCloud, 90}}, given);
+  EXPECT_EQ(topics.image, "cam_front/compressed");
+  EXPECT_EQ(topics.points, "lidar_top");
+}
+
+TEST(Topics, OfAnotherCameraDoNotSlipIn) {
+  const std::vector<BagTopic> present = {{"/a/image_raw", kImage, 90},      {"/a/camera_info", kInfo, 90},
+                                         {"/a/masks", kImage, 90},          {"/b/image_raw", kImage, 99},
+                                         {"/segmenter/b/masks", kImage, 9}, {"/c/image_raw", kImage, 99}};
+  EXPECT_EQ(guessTopics(present, {}).image, "/a/image_raw") << "the one with masks";
+  InputTopics given;
+  given.image = "/b/image_raw";
+  EXPECT_EQ(guessTopics(present, given).masks, "/segmenter/b/masks");
+  EXPECT_EQ(guessTopics(present, given).camera_info, "");
+  given.image = "/c/image_raw";
+  EXPECT_EQ(guessTopics(present, given).camera_info, "");
+}
+
+// --- cameras ---
+
+TEST(Cameras, NamesTopicsAndParameters) {
+  InputTopics common;
+  common.points = "/lidar";
+  const auto cameras =
+      parseCameras({"front=/f/image", "rear=/r/image,masks=/m,camera_info=/i,image_rectified=true"}, common);
+  ASSERT_EQ(cameras.size(), 2u);
+  EXPECT_EQ(cameras[0].topics.image, "/f/image");
+  EXPECT_EQ(cameras[0].topics.masks, "");
+  EXPECT_EQ(cameras[1].name, "rear");
+  EXPECT_EQ(cameras[1].topics.masks, "/m");
+  EXPECT_EQ(cameras[1].topics.camera_info, "/i");
+  EXPECT_EQ(cameras[1].topics.points, "/lidar");
+  EXPECT_EQ(cameras[1].assignments.back(), "image_rectified=true");
+  EXPECT_EQ(fileOf(cameras[1], "out/r.yaml"), "out/r_rear.yaml");
+  EXPECT_EQ(fileOf(cameras[1], ""), "");
+  EXPECT_EQ(fileOf(parseCameras({}, common).at(0), "r.yaml"), "r.yaml");
+  for (const std::string wrong : {"", "front", "front=", "=x", "a/b=x", "front=/x,masks"})
+    EXPECT_THROW(parseCameras({wrong}, common), boost::program_options::error) << wrong;
 }
 
 TEST(Bags, BadOnesAreRefusedInWords) {

@@ -6,6 +6,7 @@
 
 #include "lidar_camera_recalibration/error.hpp"
 #include "multiversion.hpp"
+#include "parallel.hpp"
 
 namespace lidar_camera_recalibration {
 namespace {
@@ -25,6 +26,36 @@ BoundaryField::Direction directionOf(EdgePoints::Kind kind) {
 LCR_MULTIVERSION void addProducts(const float* weight, const float* value, std::size_t count,
                                   float* __restrict sums) {
   for (std::size_t i = 0; i < count; ++i) sums[i] += weight[i] * value[i];
+}
+
+/// Sums by place in a block.
+using BlockSums = Block<float>;
+
+/// Calls function(direction, edges, first, count) for all edges of a view, block by block.
+template <typename Function>
+void forEachBlock(const View& view, const Function& function) {
+  for (const auto direction : {BoundaryField::kUpright, BoundaryField::kLevel}) {
+    const Edges& edges = view.edges[direction];
+    for (std::size_t first = 0; first < edges.size(); first += kBlock) {
+      function(direction, edges, first, std::min(kBlock, edges.size() - first));
+    }
+  }
+}
+
+/// Weight times closeness.
+void addEdges(const View& view, const Projection& project, std::size_t level, BlockSums& sums) {
+  PixelBlock pixels;
+  Block<float> closeness;
+  forEachBlock(view, [&](BoundaryField::Direction direction, const Edges& edges, std::size_t first,
+                         std::size_t count) {
+    project.project(edges.places, first, count, pixels);
+    view.frame->borders->closeness(direction, level, pixels, count, closeness);
+    addProducts(edges.weight.data() + first, closeness.data(), count, sums.data());
+  });
+}
+
+double meanOf(const BlockSums& sums, double weight) {
+  return weight > 0.0 ? std::accumulate(sums.begin(), sums.end(), 0.0) / weight : 0.0;
 }
 
 /// Edges with the lines of their borders, and what a step of Gauss-Newton needs of them.
@@ -96,47 +127,50 @@ ConsistencyEdgesEvaluator::ConsistencyEdgesEvaluator(std::vector<View> views, do
 }
 
 Score ConsistencyEdgesEvaluator::operator()(const Eigen::Isometry3d& T_camera_lidar) {
-  Score score;
-  score.edges = edgeScore(T_camera_lidar, kScoreLevel);
-  RegionInformation information;
-  for (const View& view : views_) {
-    std::size_t used = 0;
-    const Projection project(view.camera(), T_camera_lidar);
-    score.region +=
-        information(view.frame->masks, view.points, project, used) / static_cast<double>(views_.size());
-    score.points += used;
-    if (used > 0) score.masks += view.frame->masks.maskCount();
-  }
-  score.total = score.edges + region_weight_ * score.region;
-  return score;
+  Score result;
+  score(&T_camera_lidar, 1, &result);
+  return result;
 }
 
-template <typename Function>
-void ConsistencyEdgesEvaluator::forEachBlock(const Eigen::Isometry3d& T_camera_lidar,
-                                             const Function& function) const {
+std::vector<Score> ConsistencyEdgesEvaluator::scores(const std::vector<Eigen::Isometry3d>& extrinsics,
+                                                     int threads) {
+  constexpr std::size_t kTogether = 16;
+  std::vector<Score> result(extrinsics.size());
+  const std::size_t batches = (result.size() + kTogether - 1) / kTogether;
+  parallelFor(batches, static_cast<std::size_t>(threads), [&](std::size_t, std::size_t batch) {
+    const std::size_t first = batch * kTogether;
+    score(&extrinsics[first], std::min(kTogether, result.size() - first), &result[first]);
+  });
+  return result;
+}
+
+// One frame after the other, so that it is fetched into the cache once for all extrinsics.
+void ConsistencyEdgesEvaluator::score(const Eigen::Isometry3d* extrinsics, std::size_t count,
+                                      Score* scores) const {
+  std::vector<BlockSums> edge_sums(count, BlockSums{});
+  RegionInformation information;
   for (const View& view : views_) {
-    const Projection project(view.camera(), T_camera_lidar);
-    for (const auto direction : {BoundaryField::kUpright, BoundaryField::kLevel}) {
-      const Edges& edges = view.edges[direction];
-      for (std::size_t first = 0; first < edges.size(); first += kBlock) {
-        function(view, direction, project, edges, first, std::min(kBlock, edges.size() - first));
-      }
+    for (std::size_t i = 0; i < count; ++i) {
+      const Projection project(view.camera(), extrinsics[i]);
+      addEdges(view, project, kScoreLevel, edge_sums[i]);
+      std::size_t used = 0;
+      scores[i].region +=
+          information(view.frame->masks, view.points, project, used) / static_cast<double>(views_.size());
+      scores[i].points += used;
+      if (used > 0) scores[i].masks += view.frame->masks.maskCount();
     }
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    scores[i].edges = meanOf(edge_sums[i], weight_);
+    scores[i].total = scores[i].edges + region_weight_ * scores[i].region;
   }
 }
 
 double ConsistencyEdgesEvaluator::edgeScore(const Eigen::Isometry3d& T_camera_lidar,
                                             std::size_t level) const {
-  PixelBlock pixels;
-  Block<float> closeness, sums = {};
-  forEachBlock(T_camera_lidar,
-               [&](const View& view, BoundaryField::Direction direction, const Projection& project,
-                   const Edges& edges, std::size_t first, std::size_t count) {
-                 project.project(edges.places, first, count, pixels);
-                 view.frame->borders->closeness(direction, level, pixels, count, closeness);
-                 addProducts(edges.weight.data() + first, closeness.data(), count, sums.data());
-               });
-  return weight_ > 0.0 ? std::accumulate(sums.begin(), sums.end(), 0.0) / weight_ : 0.0;
+  BlockSums sums = {};
+  for (const View& view : views_) addEdges(view, Projection(view.camera(), T_camera_lidar), level, sums);
+  return meanOf(sums, weight_);
 }
 
 Linearisation ConsistencyEdgesEvaluator::linearise(const Eigen::Isometry3d& T_camera_lidar,
@@ -147,49 +181,51 @@ Linearisation ConsistencyEdgesEvaluator::linearise(const Eigen::Isometry3d& T_ca
   Block<std::int32_t> nearest;
   Matches matches;
   std::array<Block<float>, kColumns> columns;
-  Block<float> shares = {};
+  BlockSums shares = {};
   Eigen::Matrix<double, kColumns, kColumns> sums;
   sums.setZero();
-  forEachBlock(
-      T_camera_lidar, [&](const View& view, BoundaryField::Direction direction, const Projection& project,
-                          const Edges& edges, std::size_t first, std::size_t count) {
-        project.project(edges.places, first, count, pixels);
-        view.frame->borders->nearest(direction, pixels, count, nearest);
-        const std::vector<BoundaryField::Line>& lines = view.frame->borders->lines(direction);
-        const Intrinsics& camera = view.camera();
-        const auto fx = static_cast<float>(camera.fx), fy = static_cast<float>(camera.fy);
-        const auto cx = static_cast<float>(camera.cx), cy = static_cast<float>(camera.cy);
-        const auto width = static_cast<float>(camera.fx * kBoundaryWidths[level] * kDegree);  // [px]
-        matches.count = 0;
-        for (std::size_t i = 0; i < count; ++i) {
-          if (nearest[i] < 0) continue;
-          const BoundaryField::Line& line = lines[static_cast<std::size_t>(nearest[i])];
-          const float du = pixels.u[i] - line.u, dv = pixels.v[i] - line.v;
-          const float across = du * line.nu + dv * line.nv, end = std::abs(across) + kBesideEnd;
-          // Written first and counted after: nobody can guess which edges match.
-          const std::size_t m = matches.count;
-          matches.x[m] = (pixels.u[i] - cx) / fx;
-          matches.y[m] = (pixels.v[i] - cy) / fy;
-          matches.inverse_depth[m] = pixels.inverse_depth[i];
-          matches.nu[m] = line.nu / width;
-          matches.nv[m] = line.nv / width;
-          matches.residual[m] = across / width;
-          matches.weight[m] = edges.weight[first + i];
-          matches.count += static_cast<std::size_t>((du * du + dv * dv <= end * end) &
-                                                    (std::abs(matches.residual[m]) < kMaxResidual));
+  for (const View& view : views_) {
+    const Projection project(view.camera(), T_camera_lidar);
+    forEachBlock(view, [&](BoundaryField::Direction direction, const Edges& edges, std::size_t first,
+                           std::size_t count) {
+      project.project(edges.places, first, count, pixels);
+      view.frame->borders->nearest(direction, pixels, count, nearest);
+      const std::vector<BoundaryField::Line>& lines = view.frame->borders->lines(direction);
+      const Intrinsics& camera = view.camera();
+      const auto fx = static_cast<float>(camera.fx), fy = static_cast<float>(camera.fy);
+      const auto cx = static_cast<float>(camera.cx), cy = static_cast<float>(camera.cy);
+      const auto width = static_cast<float>(camera.fx * kBoundaryWidths[level] * kDegree);  // [px]
+      matches.count = 0;
+      for (std::size_t i = 0; i < count; ++i) {
+        if (nearest[i] < 0) continue;
+        const BoundaryField::Line& line = lines[static_cast<std::size_t>(nearest[i])];
+        const float du = pixels.u[i] - line.u, dv = pixels.v[i] - line.v;
+        const float across = du * line.nu + dv * line.nv, end = std::abs(across) + kBesideEnd;
+        // Written first and counted after: nobody can guess which edges match.
+        const std::size_t m = matches.count;
+        matches.x[m] = (pixels.u[i] - cx) / fx;
+        matches.y[m] = (pixels.v[i] - cy) / fy;
+        matches.inverse_depth[m] = pixels.inverse_depth[i];
+        matches.nu[m] = line.nu / width;
+        matches.nv[m] = line.nv / width;
+        matches.residual[m] = across / width;
+        matches.weight[m] = edges.weight[first + i];
+        matches.count += static_cast<std::size_t>((du * du + dv * dv <= end * end) &
+                                                  (std::abs(matches.residual[m]) < kMaxResidual));
+      }
+      weightedColumns(matches, fx, fy, columns.data(), shares.data());
+      const std::size_t padded = (matches.count + kLanes - 1) / kLanes * kLanes;
+      for (Block<float>& column : columns) {
+        std::fill(column.begin() + matches.count, column.begin() + padded, 0.0f);
+      }
+      for (std::size_t row = 0; row < kColumns; ++row) {
+        for (std::size_t column = 0; column <= row; ++column) {
+          sums(row, column) +=
+              static_cast<double>(scalarProduct(columns[row].data(), columns[column].data(), padded));
         }
-        weightedColumns(matches, fx, fy, columns.data(), shares.data());
-        const std::size_t padded = (matches.count + kLanes - 1) / kLanes * kLanes;
-        for (Block<float>& column : columns) {
-          std::fill(column.begin() + matches.count, column.begin() + padded, 0.0f);
-        }
-        for (std::size_t row = 0; row < kColumns; ++row) {
-          for (std::size_t column = 0; column <= row; ++column) {
-            sums(row, column) +=
-                static_cast<double>(scalarProduct(columns[row].data(), columns[column].data(), padded));
-          }
-        }
-      });
+      }
+    });
+  }
   Linearisation result;
   result.H = sums.topLeftCorner<6, 6>().selfadjointView<Eigen::Lower>();
   result.b = sums.row(6).head<6>();

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "parallel.hpp"
 #include "progress_part.hpp"
 #include "search_space.hpp"
 #include "strips.hpp"
@@ -45,22 +46,25 @@ Vector6d scatterOf(const std::vector<Vector6d>& deviations) {
 double distinctness(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar) {
   constexpr int kSteps = 2;
   constexpr double kStep = 2.0 * kDegree;
-  double sum = 0.0, squares = 0.0;
-  int count = 0;
+  std::vector<Eigen::Isometry3d> extrinsics{T_camera_lidar};
   for (const Eigen::Isometry3d& T : rotationGrid(T_camera_lidar, kSteps, kStep)) {
     if (extrinsicError(T, T_camera_lidar).angle() < 0.5 * kStep) continue;  // the middle of the grid
-    const double score = evaluator(T).total;
-    sum += score;
-    squares += score * score;
-    ++count;
+    extrinsics.push_back(T);
   }
+  const std::vector<Score> scores = evaluator.scores(extrinsics, 1);
+  double sum = 0.0, squares = 0.0;
+  for (std::size_t i = 1; i < scores.size(); ++i) {
+    sum += scores[i].total;
+    squares += scores[i].total * scores[i].total;
+  }
+  const auto count = static_cast<double>(scores.size() - 1);
   const double mean = sum / count, sigma = std::sqrt(std::max(0.0, squares / count - mean * mean));
-  return sigma > 0.0 ? (evaluator(T_camera_lidar).total - mean) / sigma : 0.0;
+  return sigma > 0.0 ? (scores.front().total - mean) / sigma : 0.0;
 }
 
 CrossValidation crossValidate(const Search& search, const Objective& objective, const Frames& frames,
                               const Eigen::Isometry3d& start, const SearchRange& range,
-                              const Eigen::Isometry3d& result, const Applied& applied,
+                              const Eigen::Isometry3d& result, const Applied& applied, int threads,
                               const Progress& progress) {
   const Frames pieces = framesOrStrips(frames, start, kMinPieces);
   const std::size_t folds = foldsOf(pieces.size());
@@ -80,12 +84,12 @@ CrossValidation crossValidate(const Search& search, const Objective& objective, 
   }
 
   std::vector<double> gains(pieces.size()), distinctnesses(pieces.size());
-  for (std::size_t i = 0; i < pieces.size(); ++i) {
+  parallelFor(pieces.size(), static_cast<std::size_t>(threads), [&](std::size_t, std::size_t i) {
     const Eigen::Isometry3d &T = found[i % folds], used = applied(T);
     const std::unique_ptr<Evaluator> both = objective.evaluator({pieces[i]}, {start, used});
     gains[i] = (*both)(used).total - (*both)(start).total;
     if (objective.isPeaked()) distinctnesses[i] = distinctness(*objective.evaluator({pieces[i]}, {T}), T);
-  }
+  });
   UnseenEvidence& evidence = validation.evidence;
   std::tie(evidence.gain, evidence.gain_sigma) = meanOf(gains);
   if (objective.isPeaked()) {

@@ -134,6 +134,13 @@ PointCloud crop(const PointCloud& cloud, const FieldOfView& field, const Eigen::
                     std::to_string(min_points) +
                     ": check the initial extrinsic and its frames, or lower min_points.");
   }
+  if (config.edges && rings.empty()) {
+    throw Error(
+        ErrorCause::kCloud,
+        "The cloud shows no rings, on which the objective consistency_edges finds its edges: set "
+        "objective and search to paper for a LiDAR that does not spin; for one that does, let the driver "
+        "publish the field ring.");
+  }
   return result;
 }
 

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <set>
 
 #include "lidar_camera_recalibration/extrinsic.hpp"
 
@@ -47,6 +48,15 @@ float median(std::vector<float> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
+}
+
+// Whether there are so many different numbers. Some drivers have the column and leave it at 0.
+bool differ(const std::vector<std::uint16_t>& numbers, std::size_t count) {
+  std::set<std::uint16_t> seen;
+  return std::any_of(numbers.begin(), numbers.end(), [&](std::uint16_t number) {
+    seen.insert(number);
+    return seen.size() >= count;
+  });
 }
 
 std::vector<std::uint16_t> ringsFromTurns(const std::vector<Eigen::Vector3f>& points) {
@@ -353,7 +363,7 @@ class EdgeFinder {
 }  // namespace
 
 std::vector<std::uint16_t> ringsOf(const PointCloud& cloud) {
-  if (!cloud.ring.empty() && cloud.ring.size() == cloud.size()) return cloud.ring;
+  if (cloud.ring.size() == cloud.size() && differ(cloud.ring, kMinRings)) return cloud.ring;
   if (cloud.points.empty()) return {};
   const std::vector<std::uint16_t> rings = ringsFromTurns(cloud.points);
   return rings.empty() ? ringsFromElevation(cloud.points) : rings;

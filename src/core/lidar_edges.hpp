@@ -10,9 +10,9 @@
 
 namespace lidar_camera_recalibration {
 
-/// Which laser each point of a whole cloud is from: the cloud's own column, else the turns of the azimuth
-/// where the points come ring by ring (KITTI), else the steps of the elevation. The numbers follow no order.
-/// Empty if no rings can be told apart.
+/// Which laser each point of a whole cloud is from: the cloud's own column if it tells at least four apart,
+/// else the turns of the azimuth where the points come ring by ring (KITTI), else the steps of the elevation.
+/// The numbers follow no order. Empty if no rings can be told apart.
 std::vector<std::uint16_t> ringsOf(const PointCloud& cloud);
 
 /// Places where a camera should see an edge, each a point on the *nearer* side, so that nothing hides it:

@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <opencv2/imgproc.hpp>
+
+#include "multiversion.hpp"
 
 namespace lidar_camera_recalibration {
 namespace {
@@ -14,9 +17,10 @@ constexpr int kDirectionWindow = 7;  // [px]
 // best.
 constexpr float kUprightUpTo = 10.0f, kLevelFrom = 0.5f;
 
-constexpr double kReach = 2.0;  // how far a segmenter's borders are off, at most [px]
+constexpr int kReach = 2;  // how far a segmenter's borders are off, at most [px]
 constexpr double kEdgeSigma = 1.0, kEdgeLow = 30.0, kEdgeHigh = 80.0;  // Canny: blur [px], gradients
 constexpr double kPlaceSigma = 1.5;                                    // blur for the places of edges [px]
+constexpr int kPlaceRadius = 6;                                        // of its kernel [px]
 
 // How strongly something changes along u and along v at each pixel.
 struct Changes {
@@ -48,28 +52,81 @@ cv::Rect windowAround(const cv::Point& pixel, const cv::Size& size) {
          cv::Rect(0, 0, size.width, size.height);
 }
 
-// The gradient of an image, at each pixel that of the channel where it is strongest: many borders are between
-// colours of the same brightness.
-Changes gradientOf(const cv::Mat& image) {
-  cv::Mat along_u, along_v;
-  cv::Sobel(image, along_u, CV_16S, 1, 0);
-  cv::Sobel(image, along_v, CV_16S, 0, 1);
-  Changes result{cv::Mat(image.size(), CV_16SC1), cv::Mat(image.size(), CV_16SC1)};
-  for (int v = 0; v < image.rows; ++v) {
-    const auto* us = along_u.ptr<cv::Vec3s>(v);
-    const auto* vs = along_v.ptr<cv::Vec3s>(v);
-    auto* strongest_u = result.along_u.ptr<std::int16_t>(v);
-    auto* strongest_v = result.along_v.ptr<std::int16_t>(v);
-    for (int u = 0; u < image.cols; ++u) {
-      int most = -1;
-      for (int c = 0; c < 3; ++c) {
-        const int square = us[u][c] * us[u][c] + vs[u][c] * vs[u][c];
-        if (square <= most) continue;
-        most = square;
-        strongest_u[u] = us[u][c];
-        strongest_v[u] = vs[u][c];
-      }
+// Sobel's gradient of one row of an image with three channels.
+struct RowGradient {
+  static constexpr int kChannels = 3;
+
+  explicit RowGradient(int width) : size(static_cast<std::size_t>(kChannels * width)) {
+    for (auto* sums : {&sum, &difference}) sums->resize(size + 2 * kChannels);
+    for (auto* gradient : {&along_u, &along_v}) gradient->resize(size);
+  }
+
+  std::size_t size;                           // values of the row
+  std::vector<std::int16_t> sum, difference;  // of the rows above and below, one pixel more on both sides
+  std::vector<std::int16_t> along_u, along_v;
+};
+
+LCR_MULTIVERSION void addRows(const std::uint8_t* above, const std::uint8_t* row, const std::uint8_t* below,
+                              std::size_t size, std::int16_t* __restrict sum,
+                              std::int16_t* __restrict difference) {
+  for (std::size_t i = 0; i < size; ++i) {
+    sum[i] = static_cast<std::int16_t>(above[i] + 2 * row[i] + below[i]);
+    difference[i] = static_cast<std::int16_t>(below[i] - above[i]);
+  }
+}
+
+LCR_MULTIVERSION void addColumns(const std::int16_t* sum, const std::int16_t* difference, std::size_t size,
+                                 std::int16_t* __restrict along_u, std::int16_t* __restrict along_v) {
+  constexpr std::size_t kNext = RowGradient::kChannels;
+  for (std::size_t i = 0; i < size; ++i) {
+    along_u[i] = static_cast<std::int16_t>(sum[i + 2 * kNext] - sum[i]);
+    along_v[i] =
+        static_cast<std::int16_t>(difference[i] + 2 * difference[i + kNext] + difference[i + 2 * kNext]);
+  }
+}
+
+// Of each pixel's channels that with the strongest gradient, the first one of equals.
+LCR_MULTIVERSION void chooseStrongest(const std::int16_t* us, const std::int16_t* vs, std::size_t width,
+                                      std::int16_t* __restrict along_u, std::int16_t* __restrict along_v) {
+  for (std::size_t u = 0; u < width; ++u) {
+    const std::size_t i = RowGradient::kChannels * u;
+    int strongest_u = us[i], strongest_v = vs[i];
+    int most = strongest_u * strongest_u + strongest_v * strongest_v;
+    for (std::size_t c = 1; c < RowGradient::kChannels; ++c) {
+      const int channel_u = us[i + c], channel_v = vs[i + c];
+      const int square = channel_u * channel_u + channel_v * channel_v;
+      strongest_u = square > most ? channel_u : strongest_u;
+      strongest_v = square > most ? channel_v : strongest_v;
+      most = square > most ? square : most;
     }
+    along_u[u] = static_cast<std::int16_t>(strongest_u);
+    along_v[u] = static_cast<std::int16_t>(strongest_v);
+  }
+}
+
+// The gradient of an image, at each pixel that of the channel where it is strongest: many borders are between
+// colours of the same brightness. The image is mirrored at its rim.
+Changes gradientOf(const cv::Mat& image) {
+  constexpr std::size_t kChannels = RowGradient::kChannels;
+  Changes result{cv::Mat(image.size(), CV_16SC1), cv::Mat(image.size(), CV_16SC1)};
+  RowGradient gradient(image.cols);
+  const std::size_t width = static_cast<std::size_t>(image.cols), size = gradient.size;
+  const std::size_t mirrored =
+      kChannels * static_cast<std::size_t>(cv::borderInterpolate(-1, image.cols, cv::BORDER_REFLECT_101));
+  for (int v = 0; v < image.rows; ++v) {
+    const int above = cv::borderInterpolate(v - 1, image.rows, cv::BORDER_REFLECT_101);
+    const int below = cv::borderInterpolate(v + 1, image.rows, cv::BORDER_REFLECT_101);
+    addRows(image.ptr(above), image.ptr(v), image.ptr(below), size, gradient.sum.data() + kChannels,
+            gradient.difference.data() + kChannels);
+    for (auto* sums : {&gradient.sum, &gradient.difference}) {
+      const auto first = sums->begin() + kChannels, last = sums->end() - 2 * kChannels;
+      std::copy_n(first + mirrored, kChannels, sums->begin());
+      std::copy_n(last - mirrored, kChannels, sums->end() - kChannels);
+    }
+    addColumns(gradient.sum.data(), gradient.difference.data(), size, gradient.along_u.data(),
+               gradient.along_v.data());
+    chooseStrongest(gradient.along_u.data(), gradient.along_v.data(), width,
+                    result.along_u.ptr<std::int16_t>(v), result.along_v.ptr<std::int16_t>(v));
   }
   return result;
 }
@@ -107,15 +164,14 @@ class PlacesBetweenMasks {
 };
 
 // On an edge of the image: where the gradient is largest, by a parabola through it and its two neighbours
-// across the edge.
+// across the edge. Borders must come in the order of their rows: the image is made smooth some rows at a
+// time.
 class PlacesOnEdges {
  public:
-  explicit PlacesOnEdges(const cv::Mat& image) {
-    image.convertTo(smooth_, CV_32F);  // finer than steps of 1: a parabola is laid through the gradient
-    cv::GaussianBlur(smooth_, smooth_, cv::Size(), kPlaceSigma);
-  }
+  explicit PlacesOnEdges(const cv::Mat& image) : image_(image) {}
 
-  void operator()(Border& border) const {
+  void operator()(Border& border) {
+    if (border.pixel.y >= end_) makeSmooth(border.pixel.y);
     const cv::Point2f gradient = gradientAt(border.pixel.x, border.pixel.y);
     const float here = magnitude(gradient);
     if (!(here > 0.0f)) return;
@@ -131,14 +187,30 @@ class PlacesOnEdges {
   }
 
  private:
+  // For borders from a row on.
+  void makeSmooth(int first) {
+    constexpr int kRows = 64;
+    constexpr int kLooked = 3;  // rows around a border's pixel that its place depends on
+    constexpr int kMargin = kLooked + kPlaceRadius;
+    end_ = std::min(first + kRows, image_.rows);
+    first_ = std::max(first - kMargin, 0);
+    const int last = std::min(end_ + kMargin, image_.rows);
+    // Finer than steps of 1: a parabola is laid through the gradient.
+    image_.rowRange(first_, last).convertTo(smooth_, CV_32F);
+    constexpr int kSize = 2 * kPlaceRadius + 1;
+    cv::GaussianBlur(smooth_, smooth_, cv::Size(kSize, kSize), kPlaceSigma);
+  }
+
+  const cv::Vec3f* smoothRow(int v) const { return smooth_.ptr<cv::Vec3f>(v - first_); }
+
   // As gradientOf(), made where it is asked for: borders are few. The image is mirrored at its rim.
   cv::Point2f gradientAt(int u, int v) const {
-    const int left = cv::borderInterpolate(u - 1, smooth_.cols, cv::BORDER_REFLECT_101);
-    const int right = cv::borderInterpolate(u + 1, smooth_.cols, cv::BORDER_REFLECT_101);
-    const int above = cv::borderInterpolate(v - 1, smooth_.rows, cv::BORDER_REFLECT_101);
-    const int below = cv::borderInterpolate(v + 1, smooth_.rows, cv::BORDER_REFLECT_101);
-    const auto *const upper = smooth_.ptr<cv::Vec3f>(above), *const row = smooth_.ptr<cv::Vec3f>(v),
-                      *const lower = smooth_.ptr<cv::Vec3f>(below);
+    const int left = cv::borderInterpolate(u - 1, image_.cols, cv::BORDER_REFLECT_101);
+    const int right = cv::borderInterpolate(u + 1, image_.cols, cv::BORDER_REFLECT_101);
+    const int above = cv::borderInterpolate(v - 1, image_.rows, cv::BORDER_REFLECT_101);
+    const int below = cv::borderInterpolate(v + 1, image_.rows, cv::BORDER_REFLECT_101);
+    const cv::Vec3f *const upper = smoothRow(above), *const row = smoothRow(v),
+                           *const lower = smoothRow(below);
     cv::Point2f strongest;
     float most = -1.0f;
     for (int c = 0; c < 3; ++c) {
@@ -159,8 +231,8 @@ class PlacesOnEdges {
   }
 
   float magnitudeAt(float u, float v) const {
-    const int left = std::clamp(static_cast<int>(u), 0, smooth_.cols - 2);
-    const int top = std::clamp(static_cast<int>(v), 0, smooth_.rows - 2);
+    const int left = std::clamp(static_cast<int>(u), 0, image_.cols - 2);
+    const int top = std::clamp(static_cast<int>(v), 0, image_.rows - 2);
     const float a = std::clamp(u - static_cast<float>(left), 0.0f, 1.0f);
     const float b = std::clamp(v - static_cast<float>(top), 0.0f, 1.0f);
     const auto between = [&](int row) {
@@ -170,22 +242,24 @@ class PlacesOnEdges {
     return (1.0f - b) * between(top) + b * between(top + 1);
   }
 
+  const cv::Mat& image_;
+  int first_ = 0;   // row of the image that is the first one of smooth_
+  int end_ = 0;     // smooth_ is for borders above this row
   cv::Mat smooth_;  // CV_32FC3
 };
 
 // Sum of squares in the window around a pixel.
 float changeAround(const cv::Mat& changes, const cv::Rect& window) {
-  float sum = 0.0f;
+  int sum = 0;
   for (int v = window.y; v < window.y + window.height; ++v) {
     const auto* const row = changes.ptr<std::int16_t>(v);
-    for (int u = window.x; u < window.x + window.width; ++u) sum += static_cast<float>(row[u] * row[u]);
+    for (int u = window.x; u < window.x + window.width; ++u) sum += row[u] * row[u];
   }
-  return sum;
+  return static_cast<float>(sum);
 }
 
 template <typename Place>
-std::vector<Border> collect(const std::vector<cv::Point>& pixels, const Changes& changes,
-                            const Place& place) {
+std::vector<Border> collect(const std::vector<cv::Point>& pixels, const Changes& changes, Place place) {
   std::vector<Border> borders;
   borders.reserve(pixels.size());
   for (const cv::Point& pixel : pixels) {
@@ -204,17 +278,18 @@ std::vector<Border> collect(const std::vector<cv::Point>& pixels, const Changes&
   return borders;
 }
 
-// Whether a mask's border runs within kReach of a pixel.
-bool nearChange(const Changes& masks, const cv::Point& pixel) {
-  constexpr int kHalf = static_cast<int>(kReach);
-  for (int dv = -kHalf; dv <= kHalf; ++dv) {
-    const int v = pixel.y + dv;
-    if (v < 0 || v >= masks.along_u.rows) continue;
-    const int half = static_cast<int>(std::sqrt(kReach * kReach - dv * dv));
-    const auto* const along_u = masks.along_u.ptr<std::int16_t>(v);
-    const auto* const along_v = masks.along_v.ptr<std::int16_t>(v);
-    for (int u = std::max(0, pixel.x - half); u <= std::min(masks.along_u.cols - 1, pixel.x + half); ++u) {
-      if ((along_u[u] | along_v[u]) != 0) return true;
+// Whether a mask's border runs within kReach of a pixel: then not all pixels there and next to these have one
+// set of masks.
+bool nearBorder(const cv::Mat& sets, const cv::Point& pixel) {
+  constexpr int kSteps = kReach + 1;
+  const std::uint16_t own = sets.at<std::uint16_t>(pixel);
+  const int top = std::max(pixel.y - kSteps, 0), bottom = std::min(pixel.y + kSteps, sets.rows - 1);
+  for (int v = top; v <= bottom; ++v) {
+    const auto* const row = sets.ptr<std::uint16_t>(v);
+    const int half = kSteps - std::abs(v - pixel.y);
+    const int left = std::max(pixel.x - half, 0), right = std::min(pixel.x + half, sets.cols - 1);
+    for (int u = left; u <= right; ++u) {
+      if (row[u] != own) return true;
     }
   }
   return false;
@@ -223,9 +298,9 @@ bool nearChange(const Changes& masks, const cv::Point& pixel) {
 }  // namespace
 
 std::vector<Border> maskBorders(const cv::Mat& sets, const cv::Mat& image) {
-  const Changes masks = changesOf(sets);
   std::vector<cv::Point> pixels;
   if (image.empty()) {
+    const Changes masks = changesOf(sets);
     cv::findNonZero(masks.along_u | masks.along_v, pixels);
     return collect(pixels, masks, PlacesBetweenMasks(sets));
   }
@@ -235,7 +310,7 @@ std::vector<Border> maskBorders(const cv::Mat& sets, const cv::Mat& image) {
   cv::Canny(gradient.along_u, gradient.along_v, edges, kEdgeLow, kEdgeHigh, true);
   cv::findNonZero(edges, pixels);
   pixels.erase(std::remove_if(pixels.begin(), pixels.end(),
-                              [&](const cv::Point& pixel) { return !nearChange(masks, pixel); }),
+                              [&](const cv::Point& pixel) { return !nearBorder(sets, pixel); }),
                pixels.end());
   return collect(pixels, gradient, PlacesOnEdges(image));
 }

@@ -4,6 +4,7 @@
 
 #include "kd_tree.hpp"
 #include "lidar_camera_recalibration/lidar_features.hpp"
+#include "multiversion.hpp"
 #include "plane_fit.hpp"
 
 namespace lidar_camera_recalibration {
@@ -29,10 +30,42 @@ struct Columns {
 };
 
 // How many values are not above a limit.
-int countWithin(const std::vector<float>& values, float limit) {
+LCR_MULTIVERSION int countWithin(const float* values, std::size_t size, float limit) {
   int count = 0;
-  for (const float value : values) count += value <= limit;
+  for (std::size_t k = 0; k < size; ++k) count += values[k] <= limit;
   return count;
+}
+
+int countWithin(const std::vector<float>& values, float limit) {
+  return countWithin(values.data(), values.size(), limit);
+}
+
+// Squared distances from a place. @return the largest
+LCR_MULTIVERSION float squaredDistances(const float* x, const float* y, const float* z, std::size_t size,
+                                        float px, float py, float pz, float* __restrict squared) {
+  float largest = 0.0f;
+#pragma omp simd reduction(max : largest)
+  for (std::size_t k = 0; k < size; ++k) {
+    const float dx = x[k] - px, dy = y[k] - py, dz = z[k] - pz;
+    const float d = dx * dx + dy * dy + dz * dz;
+    squared[k] = d;
+    largest = d > largest ? d : largest;
+  }
+  return largest;
+}
+
+// Squared distances from a box around the origin, of half the sides hx, hy, hz.
+LCR_MULTIVERSION void squaredDistancesFromBox(const float* x, const float* y, const float* z,
+                                              std::size_t size, float hx, float hy, float hz,
+                                              float* __restrict squared) {
+#pragma omp simd
+  for (std::size_t k = 0; k < size; ++k) {
+    float dx = std::abs(x[k]) - hx, dy = std::abs(y[k]) - hy, dz = std::abs(z[k]) - hz;
+    dx = dx > 0.0f ? dx : 0.0f;
+    dy = dy > 0.0f ? dy : 0.0f;
+    dz = dz > 0.0f ? dz : 0.0f;
+    squared[k] = dx * dx + dy * dy + dz * dz;
+  }
 }
 
 // A limit that exactly `count` of the values keep, more only if some are equal; none is above `upper`. The
@@ -136,17 +169,10 @@ class NeighbourPlanes {
   void keepNear(const Eigen::Vector3f& half, float distance) {
     const std::size_t size = candidates_.size();
     squared_.resize(size);
-    float* const squared = squared_.data();
+    const float* const squared = squared_.data();
     float *const x = candidates_.x.data(), *const y = candidates_.y.data(), *const z = candidates_.z.data();
-    const float hx = half.x(), hy = half.y(), hz = half.z(), limit = distance * distance;
-#pragma omp simd
-    for (std::size_t k = 0; k < size; ++k) {
-      float dx = std::abs(x[k]) - hx, dy = std::abs(y[k]) - hy, dz = std::abs(z[k]) - hz;
-      dx = dx > 0.0f ? dx : 0.0f;
-      dy = dy > 0.0f ? dy : 0.0f;
-      dz = dz > 0.0f ? dz : 0.0f;
-      squared[k] = dx * dx + dy * dy + dz * dz;
-    }
+    squaredDistancesFromBox(x, y, z, size, half.x(), half.y(), half.z(), squared_.data());
+    const float limit = distance * distance;
     std::size_t kept = 0;
     for (std::size_t k = 0; k < size; ++k) {
       x[kept] = x[k];
@@ -165,21 +191,9 @@ class NeighbourPlanes {
 
   // Squared distances of the candidates from a place. @return the largest
   float measure(const Eigen::Vector3f& place) {
-    const std::size_t size = candidates_.size();
-    squared_.resize(size);
-    float* const squared = squared_.data();
-    const float *const x = candidates_.x.data(), *const y = candidates_.y.data(),
-                       *const z = candidates_.z.data();
-    const float px = place.x(), py = place.y(), pz = place.z();
-    float largest = 0.0f;
-#pragma omp simd reduction(max : largest)
-    for (std::size_t k = 0; k < size; ++k) {
-      const float dx = x[k] - px, dy = y[k] - py, dz = z[k] - pz;
-      const float d = dx * dx + dy * dy + dz * dz;
-      squared[k] = d;
-      largest = d > largest ? d : largest;
-    }
-    return largest;
+    squared_.resize(candidates_.size());
+    return squaredDistances(candidates_.x.data(), candidates_.y.data(), candidates_.z.data(), squared_.size(),
+                            place.x(), place.y(), place.z(), squared_.data());
   }
 
   PlaneFit fit(const Eigen::Vector3f& point, int count) {

@@ -145,11 +145,19 @@ std::optional<Column> intensityColumn(const sensor_msgs::PointCloud2& message, c
   return std::nullopt;
 }
 
-// A cloud does without ring numbers, so a strange ring field is no error.
+// Most drivers: ring; Autoware: channel. Livox's `line` is none: its lines do not run level. A cloud does
+// without ring numbers, so a strange ring field is no error.
 std::optional<Column> ringColumn(const sensor_msgs::PointCloud2& message) {
-  const sensor_msgs::PointField* field = findField(message, "ring");
-  if (field == nullptr || field->count > 1 || field->datatype >= sensor_msgs::PointField::FLOAT32) return {};
-  return columnOf(message, *field);
+  for (const char* name : {"ring", "channel"}) {
+    const sensor_msgs::PointField* field = findField(message, name);
+    if (field != nullptr && field->count <= 1) return columnOf(message, *field);
+  }
+  return std::nullopt;
+}
+
+// nuScenes has whole numbers as floats.
+bool isRing(double value) {
+  return value >= 0.0 && value <= std::numeric_limits<std::uint16_t>::max() && value == std::floor(value);
 }
 
 // Ouster: t; Velodyne: time; Hesai, Robosense and Livox: timestamp; Livox: offset_time. Whatever cannot be a
@@ -163,6 +171,14 @@ std::optional<Column> timeColumn(const sensor_msgs::PointCloud2& message) {
   return std::nullopt;
 }
 
+// Bytes from row to row. Velodyne's driver left row_step at 0 until 2021, and so do some simulators.
+std::uint64_t rowStep(const sensor_msgs::PointCloud2& message) {
+  const std::uint64_t packed = std::uint64_t{message.width} * message.point_step;
+  const bool forgotten = message.row_step == 0 && message.point_step > 0 &&
+                         message.data.size() % packed == 0 && message.data.size() / packed == message.height;
+  return forgotten ? packed : message.row_step;
+}
+
 // All in 64 bits: hostile sizes overflow 32.
 void checkLayout(const sensor_msgs::PointCloud2& message) {
   const std::string where = nameOf("cloud", message);
@@ -171,13 +187,13 @@ void checkLayout(const sensor_msgs::PointCloud2& message) {
                 text(where, " is empty (", message.width, " x ", message.height, " points, ",
                      message.data.size(), " bytes); is the sensor running, and is this the right topic?"));
   }
-  const std::uint64_t row = std::uint64_t{message.width} * message.point_step;
-  if (row > message.row_step) {
+  const std::uint64_t row = std::uint64_t{message.width} * message.point_step, row_step = rowStep(message);
+  if (row > row_step) {
     throw Error(ErrorCause::kCloud,
                 text(where, ": row_step ", message.row_step, " is less than width ", message.width,
                      " times point_step ", message.point_step, "; the driver fills the message wrongly"));
   }
-  const std::uint64_t size = std::uint64_t{message.row_step} * message.height;
+  const std::uint64_t size = row_step * message.height;
   if (size != message.data.size()) {
     throw Error(
         ErrorCause::kCloud,
@@ -406,7 +422,7 @@ PointCloud toPointCloud(const sensor_msgs::PointCloud2& message, const std::stri
   std::vector<double> times;
   bool any_intensity = false, valid_rings = ring.has_value();
   for (std::size_t row = 0; row < message.height; ++row) {
-    const std::uint8_t* point = message.data.data() + row * message.row_step;
+    const std::uint8_t* point = message.data.data() + row * rowStep(message);
     for (std::size_t column = 0; column < message.width; ++column, point += message.point_step) {
       const Eigen::Vector3d p(x.at(point), y.at(point), z.at(point));
       if (!finiteFloat(p.x()) || !finiteFloat(p.y()) || !finiteFloat(p.z())) continue;
@@ -422,7 +438,7 @@ PointCloud toPointCloud(const sensor_msgs::PointCloud2& message, const std::stri
       if (time) times.push_back(time->at(point));
       if (valid_rings) {
         const double value = ring->at(point);
-        valid_rings = value >= 0.0 && value <= std::numeric_limits<std::uint16_t>::max();
+        valid_rings = isRing(value);
         cloud.ring.push_back(valid_rings ? static_cast<std::uint16_t>(value) : 0);
       }
     }
@@ -533,6 +549,14 @@ sensor_msgs::Image toMaskMessage(const std_msgs::Header& header, const std::vect
   cv::Mat merged;
   cv::merge(narrow, merged);
   return *cv_bridge::CvImage(header, text("16UC", layers.size()), merged).toImageMsg();
+}
+
+sensor_msgs::ImagePtr decodeMasks(const sensor_msgs::CompressedImage& message) {
+  if (message.data.size() > 1 && message.data[0] == 0xff && message.data[1] == 0xd8) {
+    throw Error(ErrorCause::kMasks, text(nameOf("compressed mask image", message),
+                                         " is a JPEG, which changes the ids; publish masks raw or as PNG"));
+  }
+  return decode(message);
 }
 
 sensor_msgs::ImagePtr decode(const sensor_msgs::CompressedImage& message) {

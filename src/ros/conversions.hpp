@@ -43,7 +43,10 @@ std::vector<cv::Mat> toMaskLayers(const sensor_msgs::Image& message);
 sensor_msgs::Image toMaskMessage(const std_msgs::Header& header, const std::vector<cv::Mat>& layers);
 
 /// PNG or JPEG to a raw image message with the same header; depth and number of channels are kept (8UCn,
-/// 16UCn or the Bayer encoding named in the format), so it serves images and masks. @throw Error(kImage)
+/// 16UCn or the Bayer encoding named in the format). @throw Error(kImage)
 sensor_msgs::ImagePtr decode(const sensor_msgs::CompressedImage& message);
+
+/// The same for masks, which a JPEG would spoil. @throw Error(kImage), Error(kMasks) for a JPEG
+sensor_msgs::ImagePtr decodeMasks(const sensor_msgs::CompressedImage& message);
 
 }  // namespace lidar_camera_recalibration

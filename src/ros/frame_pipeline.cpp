@@ -30,10 +30,10 @@ void FramePipeline::warn(const std::string& what) {
   if (repeat_filter_.isDue(what)) ROS_WARN_STREAM_NAMED(name_, name_ << ": " << what);
 }
 
-sensor_msgs::ImageConstPtr FramePipeline::decoded(const char* input,
+sensor_msgs::ImageConstPtr FramePipeline::decoded(const char* input, Decoder decoder,
                                                   const sensor_msgs::CompressedImage& message) {
   try {
-    return decode(message);
+    return decoder(message);
   } catch (const Error& e) {
     last_problem_ = std::string(input) + ": " + e.what();
     warn(last_problem_);
@@ -42,12 +42,12 @@ sensor_msgs::ImageConstPtr FramePipeline::decoded(const char* input,
 }
 
 void FramePipeline::addImage(const sensor_msgs::CompressedImage& image) {
-  if (const auto message = decoded("image", image)) return synchroniser_.addImage(message);
+  if (const auto message = decoded("image", decode, image)) return synchroniser_.addImage(message);
   ++dropped_invalid_;
 }
 
 void FramePipeline::addMasks(const sensor_msgs::CompressedImage& masks) {
-  if (const auto message = decoded("masks", masks)) return synchroniser_.addMasks(message);
+  if (const auto message = decoded("masks", decodeMasks, masks)) return synchroniser_.addMasks(message);
   ++dropped_unreadable_masks_;
 }
 

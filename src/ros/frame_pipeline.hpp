@@ -61,7 +61,9 @@ class FramePipeline {
  private:
   void collectReady();
   std::size_t readyBytes() const;
-  sensor_msgs::ImageConstPtr decoded(const char* input, const sensor_msgs::CompressedImage& message);
+  using Decoder = sensor_msgs::ImagePtr (*)(const sensor_msgs::CompressedImage&);
+  sensor_msgs::ImageConstPtr decoded(const char* input, Decoder decoder,
+                                     const sensor_msgs::CompressedImage& message);
   void process(const FrameMessages& messages);
   struct Prepared {
     FramePtr frame;

@@ -39,6 +39,7 @@ void InputMonitor::count(Clock::time_point start, double cpu_start) {
 }
 
 std::string InputMonitor::report(diagnostic_updater::DiagnosticStatusWrapper& status) const {
+  if (!subscriber_) return "";  // it comes from elsewhere
   const std::string topic = subscriber_.getTopic();
   const auto now = Clock::now();
   const double age = seconds(now - (arrivals_.empty() ? start_ : arrivals_.back()));

@@ -51,14 +51,13 @@ void NodeInterface::start() {
   const ServerConfig config = readServerConfig([this](const std::string& name, XmlRpc::XmlRpcValue& value) {
     return private_node_.getParam(name, value);
   });
-  compressed_ = config.compressed;
   warnOfUnknownParameters();
   // Frames are made when their masks come: only then is the vehicle's way looked up in tf.
   const double mask_timeout = config.fixed_frame.empty() ? 0.0 : config.synchroniser.mask_timeout;
   tf_.emplace(ros::Duration(tf2::BufferCore::DEFAULT_CACHE_TIME + mask_timeout));
   tf_listener_ = std::make_unique<tf2_ros::TransformListener>(*tf_, node_);
   server_ = std::make_unique<RecalibrationServer>(config, *tf_, name_, advertise());
-  subscribe();
+  subscribe(config);
   offerServices();
 }
 
@@ -118,31 +117,46 @@ void NodeInterface::subscribe(InputMonitor& monitor, const std::string& topic,
 }
 
 template <typename Message>
-void NodeInterface::subscribeImages(const std::string& image, const std::string& masks) {
-  subscribe<Message>(image_monitor_, image, [this](const boost::shared_ptr<const Message>& message) {
+void NodeInterface::subscribeImage(const std::string& topic) {
+  subscribe<Message>(image_monitor_, topic, [this](const boost::shared_ptr<const Message>& message) {
     noticeTimeJump(&message->header.stamp);
     server_->addImage(message);
   });
-  subscribe<Message>(masks_monitor_, masks, [this](const boost::shared_ptr<const Message>& message) {
+}
+
+template <typename Message>
+void NodeInterface::subscribeMasks(const std::string& topic) {
+  subscribe<Message>(masks_monitor_, topic, [this](const boost::shared_ptr<const Message>& message) {
     noticeTimeJump();
     server_->addMasks(message);
   });
 }
 
-void NodeInterface::subscribe() {
-  if (compressed_) {
-    // Remappings hold for whole names only, so `image/compressed` has to follow the one of `image`.
-    subscribeImages<sensor_msgs::CompressedImage>(node_.resolveName("image") + "/compressed",
-                                                  node_.resolveName("masks") + "/compressed");
+void NodeInterface::subscribe(const ServerConfig& config) {
+  const auto nameOr = [](const std::string& given, const char* usual) {
+    return given.empty() ? usual : given;
+  };
+  const std::string image = nameOr(config.topics.image, "image"),
+                    masks = nameOr(config.topics.masks, "masks");
+  // Remappings hold for whole names only, so `image/compressed` has to follow the one of `image`.
+  if (config.compressed) {
+    subscribeImage<sensor_msgs::CompressedImage>(node_.resolveName(image) + "/compressed");
   } else {
-    subscribeImages<sensor_msgs::Image>("image", "masks");
+    subscribeImage<sensor_msgs::Image>(image);
   }
-  subscribe<sensor_msgs::CameraInfo>(info_monitor_, "camera_info",
-                                     [this](const sensor_msgs::CameraInfoConstPtr& info) {
-                                       noticeTimeJump();
-                                       server_->addCameraInfo(info);
-                                     });
-  subscribe<sensor_msgs::PointCloud2>(points_monitor_, "points",
+  if (config.masks_compressed) {
+    subscribeMasks<sensor_msgs::CompressedImage>(node_.resolveName(masks) + "/compressed");
+  } else {
+    subscribeMasks<sensor_msgs::Image>(masks);
+  }
+  if (config.camera_info_file.empty()) {
+    subscribe<sensor_msgs::CameraInfo>(info_monitor_, nameOr(config.topics.camera_info, "camera_info"),
+                                       [this](const sensor_msgs::CameraInfoConstPtr& info) {
+                                         noticeTimeJump();
+                                         server_->addCameraInfo(info);
+                                       });
+  }
+  subscribe<sensor_msgs::PointCloud2>(points_monitor_, nameOr(config.topics.points, "points"),
                                       [this](const sensor_msgs::PointCloud2ConstPtr& cloud) {
                                         noticeTimeJump();
                                         server_->addCloud(cloud);

@@ -42,7 +42,7 @@ class NodeInterface {
   void start();
   void warnOfUnknownParameters() const;
   ServerOutputs advertise();
-  void subscribe();
+  void subscribe(const ServerConfig& config);
   void offerServices();
 
   /// Receives the very message that a publisher in the same process published; nothing is copied.
@@ -50,7 +50,9 @@ class NodeInterface {
   void subscribe(InputMonitor& monitor, const std::string& topic,
                  std::function<void(const boost::shared_ptr<const Message>&)> take);
   template <typename Message>
-  void subscribeImages(const std::string& image, const std::string& masks);
+  void subscribeImage(const std::string& topic);
+  template <typename Message>
+  void subscribeMasks(const std::string& topic);
   void noticeTimeJump(const ros::Time* image_stamp = nullptr);
   void onTimer(const ros::WallTimerEvent& event);
   void diagnoseInputs(diagnostic_updater::DiagnosticStatusWrapper& status);
@@ -60,7 +62,6 @@ class NodeInterface {
   ros::NodeHandle node_, private_node_;
   const std::string name_;
   std::string parameter_error_;  ///< why it does not work
-  bool compressed_ = false;
 
   diagnostic_updater::Updater diagnostics_;
   RepeatFilter repeat_filter_;

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <boost/make_shared.hpp>
 #include <chrono>
 #include <cmath>
 #include <condition_variable>
@@ -16,6 +17,7 @@
 #include <utility>
 
 #include "automatic_policy.hpp"
+#include "camera_info_file.hpp"
 #include "extrinsic_keeper.hpp"
 #include "frame_pipeline.hpp"
 #include "lidar_camera_recalibration/calibrator.hpp"
@@ -86,6 +88,7 @@ class RecalibrationServer::Impl {
   bool restore(std::string& message);
   RecalibrationState state() const;
   std::string extrinsicSource() const { return keeper_.source(); }
+  sensor_msgs::CameraInfoConstPtr infoFor(const std_msgs::Header& header) const;
   void waitUntilIdle();
   void stop();
 
@@ -138,6 +141,7 @@ class RecalibrationServer::Impl {
   const tf2::BufferCore& tf_;
   const std::string name_;
   const ServerOutputs outputs_;
+  std::optional<sensor_msgs::CameraInfo> info_;  ///< from a file
   ExtrinsicKeeper keeper_;
 
   mutable std::mutex mutex_;
@@ -181,6 +185,7 @@ RecalibrationServer::Impl::Impl(const ServerConfig& config, const tf2::BufferCor
       keeper_(config_, tf, name),
       pipeline_(config_, tf, keeper_, name, outputs_),
       policy_(config_.automatic_min_interval) {
+  if (!config_.camera_info_file.empty()) info_ = readCameraInfoFile(config_.camera_info_file);
   makeSearch(config_.calibrator.search);  // its complaint belongs here, not into the first search
   worker_ = std::thread([this] { run(); });
 }
@@ -310,6 +315,14 @@ bool RecalibrationServer::Impl::restore(std::string& message) {
   restored_ = restored_ || restored;
   wake();
   return restored;
+}
+
+/// What the driver would have published with an image; null if it does so itself.
+sensor_msgs::CameraInfoConstPtr RecalibrationServer::Impl::infoFor(const std_msgs::Header& header) const {
+  if (!info_) return nullptr;
+  const auto info = boost::make_shared<sensor_msgs::CameraInfo>(*info_);
+  info->header = header;
+  return info;
 }
 
 RecalibrationState RecalibrationServer::Impl::state() const {
@@ -633,11 +646,13 @@ RecalibrationServer::~RecalibrationServer() = default;
 void RecalibrationServer::addImage(const sensor_msgs::ImageConstPtr& image) {
   impl_->add(Impl::Kind::kImage, image->data.size(),
              [image](FramePipeline& pipeline) { pipeline.synchroniser().addImage(image); });
+  if (const auto info = impl_->infoFor(image->header)) addCameraInfo(info);
 }
 
 void RecalibrationServer::addImage(const sensor_msgs::CompressedImageConstPtr& image) {
   impl_->add(Impl::Kind::kImage, image->data.size(),
              [image](FramePipeline& pipeline) { pipeline.addImage(*image); });
+  if (const auto info = impl_->infoFor(image->header)) addCameraInfo(info);
 }
 
 void RecalibrationServer::addCameraInfo(const sensor_msgs::CameraInfoConstPtr& info) {

@@ -120,6 +120,12 @@ Parameter frameId(const char* name, Member member) {
                 });
 }
 
+template <class Member>
+Parameter topic(const char* name, Member member) {
+  return string(name, "the name of a topic or \"\"", member,
+                [](const std::string& id) { return id.find_first_of(" \t\n") == std::string::npos; });
+}
+
 // One of a few words. `fromWord` makes the member of a word.
 template <class Member, class FromWord>
 Parameter choice(const char* name, const std::vector<std::string>& words, const std::string& remark,
@@ -181,8 +187,14 @@ std::vector<Parameter> inputParameters() {
   return {
       choice("mode", {"manual", "monitor", "automatic"}, "", MEMBER(mode), sameWord),
       number("automatic/min_interval", 0.0, 86400.0, MEMBER(automatic_min_interval)),
+      topic("topics/image", MEMBER(topics.image)),
+      topic("topics/camera_info", MEMBER(topics.camera_info)),
+      topic("topics/points", MEMBER(topics.points)),
+      topic("topics/masks", MEMBER(topics.masks)),
+      string("camera_info_file", "a path or \"\"", MEMBER(camera_info_file)),
       flag("image_rectified", MEMBER(image_rectified)),
       flag("compressed", MEMBER(compressed)),
+      flag("masks_compressed", MEMBER(masks_compressed)),
       string("intensity_field", "the name of a point field or \"\"", MEMBER(intensity_field)),
       frameId("camera_frame", MEMBER(camera_frame)),
       frameId("lidar_frame", MEMBER(lidar_frame)),

@@ -17,6 +17,11 @@
 
 namespace lidar_camera_recalibration {
 
+/// Names of topics; empty: not named.
+struct InputTopics {
+  std::string image, camera_info, points, masks;
+};
+
 /// All that the server can be told. config/recalibration.yaml explains every member; the defaults are here
 /// and in the core's structs.
 struct ServerConfig {
@@ -24,14 +29,17 @@ struct ServerConfig {
   double automatic_min_interval = 60.0;  ///< between two searches that a drift starts [s]
 
   // Inputs
+  InputTopics topics;
   SynchroniserConfig synchroniser;
+  std::string camera_info_file;  ///< instead of the topic
   bool image_rectified = false;
-  bool compressed = false;      ///< the node subscribes to image/compressed and masks/compressed
-  std::string intensity_field;  ///< empty: automatic
-  std::string camera_frame;     ///< optical frame; empty: the image's frame id
-  std::string lidar_frame;      ///< empty: the cloud's frame id
-  std::string fixed_frame;      ///< in which clouds are moved to their images; empty: taken as they are
-  bool deskew = true;           ///< false: clouds are compensated already, though their points carry times
+  bool compressed = false;        ///< the node subscribes to image/compressed
+  bool masks_compressed = false;  ///< and to masks/compressed
+  std::string intensity_field;    ///< empty: automatic
+  std::string camera_frame;       ///< optical frame; empty: the image's frame id
+  std::string lidar_frame;        ///< empty: the cloud's frame id
+  std::string fixed_frame;        ///< in which clouds are moved to their images; empty: taken as they are
+  bool deskew = true;             ///< false: clouds are compensated already, though their points carry times
 
   // Initial guess: the saved result, or this matrix, or tf
   std::optional<Eigen::Isometry3d> initial_T_camera_lidar;

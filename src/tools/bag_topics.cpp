@@ -27,15 +27,17 @@ bool containsAny(const std::string& text, const std::vector<std::string>& parts)
                      [&](const std::string& part) { return contains(text, part); });
 }
 
-/// Topic without its last part, and without the transport's suffix: `/camera` of
-/// `/camera/image_raw/compressed`.
-std::string cameraNamespace(std::string topic) {
-  const std::string suffix = "/compressed";
-  if (topic.size() > suffix.size() &&
-      topic.compare(topic.size() - suffix.size(), suffix.size(), suffix) == 0) {
-    topic.erase(topic.size() - suffix.size());
-  }
-  return topic.substr(0, topic.rfind('/'));
+std::string withoutSlash(const std::string& topic) {
+  return topic.empty() || topic.front() != '/' ? topic : topic.substr(1);
+}
+
+/// Topic without its last part, the transport's suffix and the slash before all: `front/camera` of
+/// `/front/camera/image_raw/compressed`, `front` of `front/compressed`.
+std::string cameraNamespace(const std::string& topic) {
+  const std::string name = withoutSlash(withoutTransport(topic));
+  const std::size_t slash = name.rfind('/');
+  if (slash != std::string::npos) return name.substr(0, slash);
+  return withoutTransport(topic) == topic ? "" : name;
 }
 
 bool isImage(const BagTopic& topic) {
@@ -82,21 +84,93 @@ std::string best(const std::vector<BagTopic>& topics, const Fit& fit) {
   return winner ? winner->name : "";
 }
 
+/// A topic as the bags spell it; unchanged if they do not have it.
+std::string asRecorded(const std::vector<BagTopic>& topics, const std::string& given) {
+  if (given.empty()) return given;
+  for (const std::string& name : {given, given + "/compressed"}) {
+    for (const BagTopic& topic : topics) {
+      if (topic.count > 0 && withoutSlash(topic.name) == withoutSlash(name)) return topic.name;
+    }
+  }
+  return given;
+}
+
+/// Whether the masks, those given or any, are those of the image's camera.
+bool hasMasks(const std::vector<BagTopic>& topics, const std::string& given, const std::string& image) {
+  if (!given.empty()) return cameraNamespace(given) == cameraNamespace(image);
+  return std::any_of(topics.begin(), topics.end(), [&image](const BagTopic& topic) {
+    return isMasks(topic) && topic.count > 0 && cameraNamespace(topic.name) == cameraNamespace(image);
+  });
+}
+
+/// Whether another camera's images stand in the topic's namespace.
+bool belongsToAnother(const std::vector<BagTopic>& topics, const BagTopic& topic, const std::string& home) {
+  const std::string own = cameraNamespace(topic.name);
+  return own != home && std::any_of(topics.begin(), topics.end(), [&own](const BagTopic& other) {
+           return imageFit(other) >= 0 && cameraNamespace(other.name) == own;
+         });
+}
+
+/// The best topic in the image's namespace; else the best one with the camera's name in its own; else the
+/// only one: what belongs to another camera must not slip in.
+std::string ofCamera(const std::vector<BagTopic>& topics, const std::string& image, const Fit& fit) {
+  const std::string home = cameraNamespace(image), camera = home.substr(home.rfind('/') + 1);
+  constexpr int kRelated = 100, kNeighbour = 200;
+  const Fit kinship = [&](const BagTopic& topic) {
+    const int own = fit(topic);
+    if (own < 0 || belongsToAnother(topics, topic, home)) return -1;
+    if (cameraNamespace(topic.name) == home) return kNeighbour + own;
+    return !camera.empty() && contains(topic.name, camera) ? kRelated + own : own;
+  };
+  const auto candidates = std::count_if(topics.begin(), topics.end(), [&](const BagTopic& topic) {
+    return topic.count > 0 && kinship(topic) >= 0;
+  });
+  const std::string winner = best(topics, kinship);
+  const bool related = std::any_of(topics.begin(), topics.end(), [&](const BagTopic& topic) {
+    return topic.name == winner && kinship(topic) >= kRelated;
+  });
+  return candidates == 1 || related ? winner : "";
+}
+
 }  // namespace
+
+std::string withoutTransport(const std::string& topic) {
+  const std::string suffix = "/compressed";
+  const bool ends =
+      topic.size() > suffix.size() && topic.compare(topic.size() - suffix.size(), suffix.size(), suffix) == 0;
+  return ends ? topic.substr(0, topic.size() - suffix.size()) : topic;
+}
 
 InputTopics guessTopics(const std::vector<BagTopic>& topics, const InputTopics& given) {
   InputTopics result = given;
-  if (result.image.empty()) result.image = best(topics, imageFit);
+  for (std::string* topic : {&result.image, &result.camera_info, &result.points, &result.masks})
+    *topic = asRecorded(topics, *topic);
   if (result.points.empty()) result.points = best(topics, pointsFit);
-  if (result.masks.empty()) result.masks = best(topics, masksFit);
+  if (result.image.empty()) {
+    result.image = best(topics, [&](const BagTopic& topic) {
+      constexpr int kHasMasks = 100;
+      const int fit = imageFit(topic);
+      return fit >= 0 && hasMasks(topics, result.masks, topic.name) ? fit + kHasMasks : fit;
+    });
+  }
+  if (result.masks.empty()) result.masks = ofCamera(topics, result.image, masksFit);
   if (result.camera_info.empty()) {
-    const std::string home = cameraNamespace(result.image);
-    result.camera_info = best(topics, [&home](const BagTopic& topic) {
-      if (topic.type != "sensor_msgs/CameraInfo") return -1;
-      return cameraNamespace(topic.name) == home ? 1 : 0;
+    result.camera_info = ofCamera(topics, result.image, [](const BagTopic& topic) {
+      return topic.type == "sensor_msgs/CameraInfo" ? 0 : -1;
     });
   }
   return result;
+}
+
+InputTopics firstOf(InputTopics first, const InputTopics& second) {
+  const auto fill = [](std::string& topic, const std::string& other) {
+    if (topic.empty()) topic = other;
+  };
+  fill(first.image, second.image);
+  fill(first.camera_info, second.camera_info);
+  fill(first.points, second.points);
+  fill(first.masks, second.masks);
+  return first;
 }
 
 void addTopicOptions(po::options_description& options, InputTopics& topics) {
@@ -163,6 +237,12 @@ sensor_msgs::ImageConstPtr imageFrom(const rosbag::MessageInstance& message) {
   if (const auto image = message.instantiate<sensor_msgs::Image>()) return image;
   if (const auto compressed = message.instantiate<sensor_msgs::CompressedImage>()) return decode(*compressed);
   return nullptr;
+}
+
+sensor_msgs::ImageConstPtr masksFrom(const rosbag::MessageInstance& message) {
+  if (const auto compressed = message.instantiate<sensor_msgs::CompressedImage>())
+    return decodeMasks(*compressed);
+  return imageFrom(message);
 }
 
 }  // namespace lidar_camera_recalibration

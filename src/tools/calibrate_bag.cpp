@@ -21,6 +21,7 @@
 #include "bag_topics.hpp"
 #include "bag_writing.hpp"
 #include "calibration_options.hpp"
+#include "cameras.hpp"
 #include "command_line.hpp"
 #include "frame_builder.hpp"
 #include "lidar_camera_recalibration/error.hpp"
@@ -37,7 +38,7 @@ namespace po = boost::program_options;
 namespace {
 
 struct Options {
-  std::vector<std::string> bags, assignments;
+  std::vector<std::string> bags, assignments, cameras;
   std::string config, out, out_format, overlay, report, json, reference, initial, intrinsics;
   FormatOptions hints;  ///< about calibration files
   InputTopics topics;
@@ -65,9 +66,11 @@ ServerConfig serverConfig(const Options& options) {
   return config;
 }
 
-InputTopics inputTopics(const Bags& bags, const Options& options) {
+InputTopics inputTopics(const Bags& bags, const Options& options, const ServerConfig& config) {
   const std::vector<BagTopic> present = topicsOf(bags);
-  const InputTopics topics = guessTopics(present, options.topics);
+  InputTopics topics = guessTopics(present, firstOf(options.topics, config.topics));
+  const bool info_from_file = !config.camera_info_file.empty();
+  if (info_from_file) topics.camera_info.clear();
   std::string list;
   for (const BagTopic& topic : present) list += "\n  " + topic.name + "  " + topic.type;
   const auto require = [&](const std::string& topic, const std::string& option) {
@@ -80,12 +83,13 @@ InputTopics inputTopics(const Bags& bags, const Options& options) {
                     "; name the topic with --" + option + ". The topics are:" + list);
   };
   require(topics.image, "image");
-  if (options.intrinsics.empty()) require(topics.camera_info, "camera-info");
+  if (options.intrinsics.empty() && !info_from_file) require(topics.camera_info, "camera-info");
   require(topics.points, "points");
   require(topics.masks, "masks");
+  const std::string& info_file = options.intrinsics.empty() ? config.camera_info_file : options.intrinsics;
   std::cerr << "image " << topics.image << ", camera_info "
-            << (options.intrinsics.empty() ? topics.camera_info : options.intrinsics) << ", points "
-            << topics.points << ", masks " << topics.masks << '\n';
+            << (info_file.empty() ? topics.camera_info : info_file) << ", points " << topics.points
+            << ", masks " << topics.masks << '\n';
   return topics;
 }
 
@@ -174,7 +178,7 @@ class Feeder {
   void feed(RecalibrationServer& server, const rosbag::MessageInstance& message) {
     const std::string& topic = message.getTopic();
     if (topic == topics_.image || topic == topics_.masks) {
-      const sensor_msgs::ImageConstPtr image = decoded(message);
+      const sensor_msgs::ImageConstPtr image = decoded(message, topic == topics_.masks);
       if (!image) return;
       if (topic == topics_.image) {
         if (camera_) server.addCameraInfo(cameraInfo(*image));
@@ -190,9 +194,9 @@ class Feeder {
   }
 
   /// One unreadable image is no reason to stop, but one to speak.
-  static sensor_msgs::ImageConstPtr decoded(const rosbag::MessageInstance& message) {
+  static sensor_msgs::ImageConstPtr decoded(const rosbag::MessageInstance& message, bool masks) {
     try {
-      return imageFrom(message);
+      return masks ? masksFrom(message) : imageFrom(message);
     } catch (const Error& error) {
       std::cerr << message.getTopic() << ": " << error.what() << '\n';
       return nullptr;
@@ -409,12 +413,12 @@ ServerOutputs recording(Record& record, ProgressBar& progress) {
   return outputs;
 }
 
-int calibrateBags(const Options& options) {
+int calibrateCamera(const Options& options) {
   const auto begin = std::chrono::steady_clock::now();
   ros::Time::init();
   ServerConfig config = serverConfig(options);
   const Bags bags = openBags(options.bags);
-  const InputTopics topics = inputTopics(bags, options);
+  const InputTopics topics = inputTopics(bags, options, config);
 
   // Calibration files, before anything costs time.
   const FormatOptions hints = completed(options.hints, config, bags, topics);
@@ -456,6 +460,37 @@ int calibrateBags(const Options& options) {
   return result.accepted ? kExitOk : kExitRejected;
 }
 
+/// The options of one of several cameras.
+Options optionsOf(const CameraOption& camera, Options options) {
+  options.assignments.insert(options.assignments.end(), camera.assignments.begin(), camera.assignments.end());
+  options.topics = camera.topics;
+  for (std::string* file : {&options.out, &options.overlay, &options.report, &options.json})
+    *file = fileOf(camera, *file);
+  for (std::string* file : {&options.initial, &options.intrinsics, &options.reference})
+    *file = inputFileOf(camera, *file);
+  return options;
+}
+
+/// One camera after the other; one that fails is no reason to leave out the rest.
+int calibrateBags(const Options& options) {
+  const std::vector<CameraOption> cameras = parseCameras(options.cameras, options.topics);
+  if (options.cameras.empty()) return calibrateCamera(options);
+  std::vector<int> statuses;
+  for (const CameraOption& camera : cameras) {
+    std::cout << "camera " << camera.name << std::endl;
+    try {
+      statuses.push_back(calibrateCamera(optionsOf(camera, options)));
+    } catch (const std::exception& error) {
+      std::cerr << "camera " << camera.name << ": " << error.what() << '\n';
+      statuses.push_back(kExitInput);
+    }
+  }
+  for (const int status : {kExitInput, kExitRejected}) {
+    if (std::count(statuses.begin(), statuses.end(), status) > 0) return status;
+  }
+  return kExitOk;
+}
+
 }  // namespace
 
 int calibrateBagMain(int argc, char** argv) {
@@ -491,6 +526,7 @@ int calibrateBagMain(int argc, char** argv) {
       "default: the parameter frames/min");
   addCalibrationOptions(line.options, options.hints);
   addTopicOptions(line.options, options.topics);
+  addCameraOption(line.options, options.cameras);
   return runTool(argc, argv, line, [&options](const po::variables_map&) { return calibrateBags(options); });
 }
 

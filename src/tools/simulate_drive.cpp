@@ -48,9 +48,8 @@ namespace {
 using namespace simulation;
 using Eigen::Isometry3d;
 
-constexpr double kEpoch = 1700000000.0;  ///< ROS time of the drive's start [s]
-constexpr double kLead = 0.5;            ///< tf before the first and after the last picture [s]
-constexpr double kTfPeriod = 0.02;       ///< [s]
+constexpr double kLead = 0.5;       ///< tf before the first and after the last picture [s]
+constexpr double kTfPeriod = 0.02;  ///< [s]
 const char* const kBaseFrame = "base_link";
 const char* const kLidarFrame = "lidar";
 const char* const kCameraLinkFrame = "camera_link";
@@ -60,7 +59,9 @@ struct Options {
   std::string out, dataset;  ///< bag and folder; one of them may be empty
   std::uint64_t seed = 1;
   int frames = 20;
+  double start = 1700000000.0;  ///< ROS time of the first transform [s]
   double rate = 2.0, speed = 8.0, winding = 1.0;
+  std::string truth;                                       ///< file; empty: seeded
   NumberPair error{3.0, 0.1};                              ///< [deg], [m]
   double step_time = -1.0, step_deg = 1.0, step_m = 0.05;  ///< a negative time means never
   int beams = 64;
@@ -90,24 +91,25 @@ Intrinsics cameraIntrinsics(const Options& options) {
 
 // --- messages ---
 
-std_msgs::Header header(double time, const char* frame) {
+/// @param stamp  ROS time [s]
+std_msgs::Header header(double stamp, const char* frame) {
   std_msgs::Header result;
-  result.stamp = ros::Time(kEpoch + time);
+  result.stamp = ros::Time(stamp);
   result.frame_id = frame;
   return result;
 }
 
-geometry_msgs::TransformStamped transform(double time, const char* parent, const char* child,
+geometry_msgs::TransformStamped transform(double stamp, const char* parent, const char* child,
                                           const Isometry3d& T_parent_child) {
   geometry_msgs::TransformStamped message = tf2::eigenToTransform(T_parent_child);
-  message.header = header(time, parent);
+  message.header = header(stamp, parent);
   message.child_frame_id = child;
   return message;
 }
 
-sensor_msgs::PointCloud2 cloudMessage(double time, const std::vector<LidarReturn>& sweep) {
+sensor_msgs::PointCloud2 cloudMessage(double stamp, const std::vector<LidarReturn>& sweep) {
   sensor_msgs::PointCloud2 cloud;
-  cloud.header = header(time, kLidarFrame);
+  cloud.header = header(stamp, kLidarFrame);
   cloud.height = 1;
   cloud.is_dense = true;
   sensor_msgs::PointCloud2Modifier modifier(cloud);
@@ -147,25 +149,25 @@ class DriveBag {
     std::filesystem::remove(unfinished_, ignored);
   }
 
-  /// @param time  of recording [s] since the start of the drive
+  /// @param stamp  ROS time of recording [s]
   template <typename Message>
-  void add(const std::string& topic, double time, Message message, bool latched = false) {
-    const ros::Time record_time(kEpoch + time);
+  void add(const std::string& topic, double stamp, Message message, bool latched = false) {
+    const ros::Time record_time(stamp);
     const auto connection = latched ? sharedConnection<Message>(topic) : nullptr;
     waiting_.emplace(record_time, [this, topic, record_time, connection, message = std::move(message)] {
       bag_.write(topic, record_time, message, connection);
     });
   }
 
-  void flush(double until) {
-    while (!waiting_.empty() && waiting_.begin()->first <= ros::Time(kEpoch + until)) {
+  void flush(const ros::Time& until) {
+    while (!waiting_.empty() && waiting_.begin()->first <= until) {
       waiting_.begin()->second();
       waiting_.erase(waiting_.begin());
     }
   }
 
   void close() {
-    flush(1e9);
+    flush(ros::TIME_MAX);
     bag_.close();
     std::filesystem::rename(unfinished_, path_);
     closed_ = true;
@@ -249,7 +251,7 @@ class Drive {
       : options_(options),
         street_(options.seed, options.speed * options.duration(), options.speed, options.winding),
         scene_(street_.world()),
-        rig_(makeRig(options.seed)),
+        rig_(rig(options)),
         camera_(cameraIntrinsics(options)),
         camera_sensor_(camera_, options.threads),
         lidar_sensor_(lidarConfig(options)) {
@@ -270,7 +272,7 @@ class Drive {
       const double time = kLead + i / options_.rate;
       if (bag_) writeEgoMotion(time + kLead);
       simulateFrame(i, time);
-      if (bag_) bag_->flush(time);
+      if (bag_) bag_->flush(ros::Time(stamp(time)));
       std::fprintf(stderr, "frame %d of %d: %zu points, %d masks\n", i + 1, options_.frames, points_, masks_);
     }
     if (bag_) bag_->close();
@@ -284,6 +286,15 @@ class Drive {
     config.threads = options.threads;
     return config;
   }
+
+  static Rig rig(const Options& options) {
+    Rig rig = makeRig(options.seed);
+    if (!options.truth.empty()) rig.T_camera_lidar = readCalibration(options.truth).T_camera_lidar;
+    return rig;
+  }
+
+  /// ROS time of a time since the start of the drive [s]
+  double stamp(double time) const { return options_.start + time; }
 
   bool stepHappens() const { return options_.step_time >= 0 && options_.step_time <= options_.duration(); }
 
@@ -302,19 +313,19 @@ class Drive {
     truth.reason = "exact, from the simulation";
     truth.frames = static_cast<std::size_t>(options_.frames);
     truth.source = source();
-    truth.stamp = kEpoch;
+    truth.stamp = stamp(0.0);
     truth.T_camera_lidar = rig_.T_camera_lidar;
     writeCalibration(path.replace_extension(".truth.yaml").string(), truth);
-    bag_->add("/simulation/T_camera_lidar", 0.0,
-              transform(0.0, kCameraFrame, kLidarFrame, rig_.T_camera_lidar), true);
+    bag_->add("/simulation/T_camera_lidar", stamp(0.0),
+              transform(stamp(0.0), kCameraFrame, kLidarFrame, rig_.T_camera_lidar), true);
     if (!stepHappens()) return;
     const double time = kLead + options_.step_time;
-    truth.stamp = kEpoch + time;
+    truth.stamp = stamp(time);
     truth.T_camera_lidar = after_step_;
     path = options_.out;
     writeCalibration(path.replace_extension(".truth_after_step.yaml").string(), truth);
-    bag_->add("/simulation/T_camera_lidar", time, transform(time, kCameraFrame, kLidarFrame, after_step_),
-              true);
+    bag_->add("/simulation/T_camera_lidar", stamp(time),
+              transform(stamp(time), kCameraFrame, kLidarFrame, after_step_), true);
   }
 
   /// What the vehicle believes: base_link -> lidar and base_link -> camera_link -> camera_optical_frame.
@@ -322,18 +333,18 @@ class Drive {
     const Isometry3d T_link_optical = opticalFromLink().inverse();
     const Isometry3d T_base_link = rig_.T_base_lidar * believed_.inverse() * T_link_optical.inverse();
     tf2_msgs::TFMessage message;
-    message.transforms = {transform(0.0, kBaseFrame, kLidarFrame, rig_.T_base_lidar),
-                          transform(0.0, kBaseFrame, kCameraLinkFrame, T_base_link),
-                          transform(0.0, kCameraLinkFrame, kCameraFrame, T_link_optical)};
-    bag_->add("/tf_static", 0.0, message, true);
+    message.transforms = {transform(stamp(0.0), kBaseFrame, kLidarFrame, rig_.T_base_lidar),
+                          transform(stamp(0.0), kBaseFrame, kCameraLinkFrame, T_base_link),
+                          transform(stamp(0.0), kCameraLinkFrame, kCameraFrame, T_link_optical)};
+    bag_->add("/tf_static", stamp(0.0), message, true);
   }
 
   void writeEgoMotion(double until) {
     for (; tf_count_ * kTfPeriod <= until; ++tf_count_) {
       const double time = tf_count_ * kTfPeriod;
       tf2_msgs::TFMessage message;
-      message.transforms = {transform(time, "odom", kBaseFrame, T_odom_base(time))};
-      bag_->add("/tf", time + 0.002, message);
+      message.transforms = {transform(stamp(time), "odom", kBaseFrame, T_odom_base(time))};
+      bag_->add("/tf", stamp(time + 0.002), message);
     }
   }
 
@@ -369,13 +380,14 @@ class Drive {
   /// Record times: exposure and transport, the end of the sweep, and a segmenter that takes its time.
   void record(double time, double mask_delay, const cv::Mat& image, const std::vector<cv::Mat>& masks,
               const std::vector<LidarReturn>& sweep) {
-    const std_msgs::Header image_header = header(time, kCameraFrame);
-    bag_->add("/camera/image_raw", time + 0.035, *toImageMessage(image, image_header));
-    bag_->add("/camera/camera_info", time + 0.035, toCameraInfo(image_header, camera_.intrinsics()));
+    const std_msgs::Header image_header = header(stamp(time), kCameraFrame);
+    bag_->add("/camera/image_raw", stamp(time + 0.035), *toImageMessage(image, image_header));
+    bag_->add("/camera/camera_info", stamp(time + 0.035), toCameraInfo(image_header, camera_.intrinsics()));
     const double cloud_time = time + options_.cloud_delay;
-    bag_->add("/lidar/points", cloud_time + 0.5 * lidar_sensor_.duration() + 0.015,
-              cloudMessage(cloud_time, sweep));
-    if (!masks.empty()) bag_->add("/camera/masks", time + mask_delay, toMaskMessage(image_header, masks));
+    bag_->add("/lidar/points", stamp(cloud_time + 0.5 * lidar_sensor_.duration() + 0.015),
+              cloudMessage(stamp(cloud_time), sweep));
+    if (!masks.empty())
+      bag_->add("/camera/masks", stamp(time + mask_delay), toMaskMessage(image_header, masks));
   }
 
   static int countMasks(const std::vector<cv::Mat>& layers) {
@@ -458,6 +470,10 @@ int simulateDriveMain(int argc, char** argv) {
       "of the vehicle [m/s] (default 8)");
   add("winding", inRange(0.0, 2.0, &options.winding, "winding")->value_name("K"),
       "of the road: its bends have radii of 60 m and more, divided by K (default 1)");
+  add("start", inRange(1.0, 2e9, &options.start, "start")->value_name("S"),
+      "ROS time at which the drive starts [s] (default 1700000000)");
+  add("truth", po::value(&options.truth)->value_name("YAML"),
+      "the true extrinsic, as a result file (default: seeded)");
   add("perturb", po::value(&options.error)->value_name("DEG M"),
       "error of the extrinsic in tf_static: angle and distance (default 3 0.1)");
   add("step-time", inRange(0.0, 1e6, &options.step_time, "step-time")->value_name("S"),
