@@ -156,7 +156,7 @@ TEST_F(ReportTest, RejectedResultsHaveOneToo) {
   EXPECT_NE(page.find("id=\"verdict\" class=\"verdict rejected\""), std::string::npos);
   EXPECT_NE(page.find("gate/min_distinctness is 100.0"), std::string::npos);
   EXPECT_NE(page.find("Why it was rejected"), std::string::npos);
-  EXPECT_NE(page.find("\u2717</td><td>Gain of the score"), std::string::npos);
+  EXPECT_NE(page.find("\u2717</td><td>Stands out on unseen frames by"), std::string::npos);
   EXPECT_NE(page.find("not for a vehicle"), std::string::npos);
 }
 

@@ -411,7 +411,7 @@ TEST(Server, FindsTheExtrinsicPublishesItAndRestores) {
   EXPECT_EQ(result.transform.child_frame_id, "lidar");
   EXPECT_GT(result.score_after, result.score_before);
   EXPECT_GT(result.evaluations, 500u);
-  EXPECT_EQ(result.covariance[0], -1.0) << "three frames are too few for it";
+  EXPECT_GT(result.covariance[0], 0.0);
   const Eigen::Isometry3d found = tf2::transformToEigen(result.transform);
   const auto before = extrinsicError(wrongGuess(), SyntheticScene::T_camera_lidar());
   const auto after = extrinsicError(found, SyntheticScene::T_camera_lidar());

@@ -90,7 +90,7 @@ double validityIndex(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lid
 /// By how many standard deviations of the scores around it (rotations by up to 4 deg on each axis) T stands
 /// out from them. A true optimum rises far above; wrong ones are merely the highest of many random ups and
 /// downs.
-double distinctness(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar, int threads = 1);
+double distinctness(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar);
 
 /// Frames and a start become a judged result: search, consensus of the frames, covariance, cross-validation,
 /// gate. Stateless; one call, one calibration.

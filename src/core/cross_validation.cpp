@@ -43,7 +43,7 @@ Vector6d scatterOf(const std::vector<Vector6d>& deviations) {
 
 }  // namespace
 
-double distinctness(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar, int threads) {
+double distinctness(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar) {
   constexpr int kSteps = 2;
   constexpr double kStep = 2.0 * kDegree;
   std::vector<Eigen::Isometry3d> extrinsics{T_camera_lidar};
@@ -51,7 +51,7 @@ double distinctness(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lida
     if (extrinsicError(T, T_camera_lidar).angle() < 0.5 * kStep) continue;  // the middle of the grid
     extrinsics.push_back(T);
   }
-  const std::vector<Score> scores = evaluator.scores(extrinsics, threads);
+  const std::vector<Score> scores = evaluator.scores(extrinsics, 1);
   double sum = 0.0, squares = 0.0;
   for (std::size_t i = 1; i < scores.size(); ++i) {
     sum += scores[i].total;

@@ -24,6 +24,7 @@ using Applied = std::function<Eigen::Isometry3d(const Eigen::Isometry3d&)>;
 /// halves from 8 frames on, 5 searches on 4 frames for 5. Fewer than 5 frames are cut into upright strips of
 /// the image, which take the place of frames: less independent, but the search has not seen them either.
 /// @param result  found on all frames
+/// @param threads  do not change the result
 /// @param applied  what of a search's result would be used: its undetermined axes keep the start's values
 CrossValidation crossValidate(const Search& search, const Objective& objective, const Frames& frames,
                               const Eigen::Isometry3d& start, const SearchRange& range,
