@@ -2,6 +2,7 @@
 // the nodelet manager itself, so it sees which messages its nodelets hold and how much memory they take.
 // After each fault the node must live, hold nothing of it, and have published no other transform than the
 // start and the accepted results.
+#include <dynamic_reconfigure/Reconfigure.h>
 #include <gtest/gtest.h>
 #include <lidar_camera_recalibration/SaveCalibration.h>
 #include <nodelet/loader.h>
@@ -569,6 +570,60 @@ class FullDisk {
  private:
   rlimit before_{};
 };
+
+template <typename Message>
+std::string textOf(const Message& message) {
+  std::ostringstream stream;
+  stream << message;
+  return stream.str();
+}
+
+TEST_F(Faults, NonsenseThroughDynamicReconfigure) {
+  using dynamic_reconfigure::Config;
+  start();
+  const auto set = [&](const Config& config) {
+    dynamic_reconfigure::Reconfigure service;
+    service.request.config = config;
+    EXPECT_TRUE(node_.rig->call("set_parameters", service));
+    return service.response.config;
+  };
+  const auto number = [](const std::string& name, double value) {
+    Config config;
+    config.doubles.resize(1);
+    config.doubles[0].name = name;
+    config.doubles[0].value = value;
+    return config;
+  };
+  const auto word = [](const std::string& name, const std::string& value) {
+    Config config;
+    config.strs.resize(1);
+    config.strs[0].name = name;
+    config.strs[0].value = value;
+    return config;
+  };
+  const Config initial = set(Config());
+  ASSERT_FALSE(initial.doubles.empty());
+  Config half_good = number("gate/min_significance", 4.0);
+  half_good.strs = word("overlay/color", "mauve").strs;
+  for (const Config& nonsense :
+       {number("gate/min_significance", std::nan("")), number("gate/min_significance", -1.0),
+        number("gate/max_rotation_sigma_deg", 1e300), number("gate/no_such_thing", 1.0),
+        number("search_range/rotation_deg", 1.0), number("overlay/color", 1.0),
+        word("gate/min_significance", "a lot"), word("", ""), half_good}) {
+    EXPECT_EQ(textOf(set(nonsense)), textOf(initial));
+  }
+  double kept = 0.0;
+  EXPECT_FALSE(ros::param::get("/recalibration/gate/no_such_thing", kept));
+
+  // No result can be as significant as that: what is allowed reaches the gate.
+  set(number("gate/min_significance", 100.0));
+  EXPECT_TRUE(ros::param::get("/recalibration/gate/min_significance", kept));
+  EXPECT_EQ(kept, 100.0);
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(node_.frame().used);
+  EXPECT_FALSE(node_.recalibrate(true).result.accepted);
+  set(initial);
+  EXPECT_TRUE(node_.recalibrate(true).result.accepted);
+}
 
 TEST_F(Faults, DiskFullOrUnwritable) {
   const fs::path folder = fs::temp_directory_path() / ("faults_" + std::to_string(getpid()));

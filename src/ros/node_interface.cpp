@@ -58,6 +58,7 @@ void NodeInterface::start() {
   tf_listener_ = std::make_unique<tf2_ros::TransformListener>(*tf_, node_);
   server_ = std::make_unique<RecalibrationServer>(config, *tf_, name_, advertise());
   subscribe(config);
+  offerReconfiguration(config);
   offerServices();
 }
 
@@ -225,6 +226,35 @@ void NodeInterface::offerServices() {
   service_spinner_ = std::make_unique<ros::AsyncSpinner>(1, &service_queue_);
   recalibrate_spinner_->start();
   service_spinner_->start();
+}
+
+/// The protocol of dynamic_reconfigure. A value that is not allowed changes nothing: to clamp it, as other
+/// nodes do, would open the gate of whoever mistyped a number.
+void NodeInterface::offerReconfiguration(const ServerConfig& config) {
+  live_ = config;
+  parameter_descriptions_ =
+      private_node_.advertise<dynamic_reconfigure::ConfigDescription>("parameter_descriptions", 1, true);
+  parameter_updates_ = private_node_.advertise<dynamic_reconfigure::Config>("parameter_updates", 1, true);
+  parameter_descriptions_.publish(describeLiveParameters());
+  parameter_updates_.publish(liveConfig(live_));
+  ros::NodeHandle node(private_node_);
+  node.setCallbackQueue(&service_queue_);
+  services_.push_back(node.advertiseService("set_parameters", &NodeInterface::reconfigure, this));
+}
+
+bool NodeInterface::reconfigure(dynamic_reconfigure::Reconfigure::Request& request,
+                                dynamic_reconfigure::Reconfigure::Response& response) {
+  const Parameters values = valuesOf(request.config);
+  try {
+    server_->setParameters(values);
+    setLiveParameters(values, live_);
+    for (const auto& [name, value] : values) private_node_.setParam(name, value);
+  } catch (const Error& e) {
+    ROS_ERROR_STREAM_NAMED(name_, name_ << ": nothing is changed: " << e.what());
+  }
+  response.config = liveConfig(live_);
+  parameter_updates_.publish(response.config);
+  return true;
 }
 
 // --- diagnostics ---

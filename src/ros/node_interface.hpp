@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "input_monitor.hpp"
+#include "reconfiguration.hpp"
 #include "repeat_filter.hpp"
 #include "server.hpp"
 
@@ -44,6 +45,9 @@ class NodeInterface {
   ServerOutputs advertise();
   void subscribe(const ServerConfig& config);
   void offerServices();
+  void offerReconfiguration(const ServerConfig& config);
+  bool reconfigure(dynamic_reconfigure::Reconfigure::Request& request,
+                   dynamic_reconfigure::Reconfigure::Response& response);
 
   /// Receives the very message that a publisher in the same process published; nothing is copied.
   template <typename Message>
@@ -84,6 +88,8 @@ class NodeInterface {
       points_monitor_{"points", 5.0}, masks_monitor_{"masks", 60.0};
   ros::CallbackQueue recalibrate_queue_, service_queue_;
   std::vector<ros::ServiceServer> services_;
+  ServerConfig live_;  ///< its live parameters are in force; after the start of service_queue_ alone
+  ros::Publisher parameter_descriptions_, parameter_updates_;
   std::unique_ptr<ros::AsyncSpinner> recalibrate_spinner_, service_spinner_;
   ros::WallTimer timer_;
 };

@@ -83,6 +83,7 @@ class RecalibrationServer::Impl {
   void clearCaches();
   Recalibrate::Response recalibrate(const Recalibrate::Request& request);
   bool save(const std::string& path, const std::string& format, std::string& message) const;
+  void setParameters(const Parameters& values);
   void reset();
   bool cancel(std::string& message);
   bool restore(std::string& message);
@@ -137,7 +138,7 @@ class RecalibrationServer::Impl {
   template <typename Action>
   void guarded(const char* what, const Action& action);
 
-  const ServerConfig config_;
+  ServerConfig config_;  ///< the worker changes its live members, which nobody else reads
   const tf2::BufferCore& tf_;
   const std::string name_;
   const ServerOutputs outputs_;
@@ -152,6 +153,7 @@ class RecalibrationServer::Impl {
   std::uint64_t dropped_images_ = 0, dropped_others_ = 0, forgotten_images_ = 0;  ///< out of the queue
   std::size_t waiting_callers_ = 0;
   bool has_work_ = false, idle_ = false, stopping_ = false;
+  Parameters changes_;  ///< of live parameters, checked
   bool clear_caches_ = false, clear_frames_ = false, restored_ = false;
   JobPtr job_;
   std::optional<SearchDone> search_done_;
@@ -231,6 +233,14 @@ void RecalibrationServer::Impl::reset() {
   const std::lock_guard<std::mutex> lock(mutex_);
   clearQueue();
   clear_caches_ = clear_frames_ = true;
+  wake();
+}
+
+void RecalibrationServer::Impl::setParameters(const Parameters& values) {
+  ServerConfig checked;  // what is allowed depends on no other parameter
+  setLiveParameters(values, checked);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  for (const auto& [name, value] : values) changes_[name] = value;
   wake();
 }
 
@@ -390,6 +400,10 @@ std::deque<RecalibrationServer::Impl::Input> RecalibrationServer::Impl::takeInpu
   const std::lock_guard<std::mutex> lock(mutex_);
   if (std::exchange(clear_caches_, false)) pipeline_.clearCaches();
   if (std::exchange(clear_frames_, false)) pipeline_.clearFrames();
+  if (!changes_.empty()) {
+    setLiveParameters(std::exchange(changes_, {}), config_);
+    pipeline_.requestPictures();
+  }
   queued_bytes_ = queued_images_ = 0;
   return std::exchange(queue_, {});
 }
@@ -688,6 +702,8 @@ Recalibrate::Response RecalibrationServer::recalibrate(const Recalibrate::Reques
 bool RecalibrationServer::save(const std::string& path, const std::string& format, std::string& message) {
   return impl_->save(path, format, message);
 }
+
+void RecalibrationServer::setParameters(const Parameters& values) { impl_->setParameters(values); }
 
 void RecalibrationServer::reset() { impl_->reset(); }
 

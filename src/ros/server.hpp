@@ -39,8 +39,8 @@ struct ServerOutputs {
 ///
 /// Knows messages but no node, so it runs without a master. The add… functions queue and return at once; one
 /// worker thread owns caches, frames and the outputs, and starts one thread per search. Nothing but the
-/// constructor throws; bad input is logged (throttled), counted and dropped. The destructor cancels a running
-/// search and joins.
+/// constructor and setParameters throw; bad input is logged (throttled), counted and dropped. The destructor
+/// cancels a running search and joins.
 class RecalibrationServer {
  public:
   /// @throw Error(kParameter) for an objective, a search or a range that does not exist.
@@ -63,6 +63,9 @@ class RecalibrationServer {
   static constexpr std::size_t kMaxWaitingCallers = 4;
   Recalibrate::Response recalibrate(const Recalibrate::Request& request);
   bool save(const std::string& path, const std::string& format, std::string& message);
+  /// Of live parameters; takes effect before the next frame and the next search.
+  /// @throw Error(kParameter) as setLiveParameters(); then nothing changes.
+  void setParameters(const Parameters& values);
   void reset();                        ///< forgets frames and caches, keeps the extrinsic
   bool cancel(std::string& message);   ///< the running or waiting recalibration
   bool restore(std::string& message);  ///< back to the extrinsic before the last accepted result

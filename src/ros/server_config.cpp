@@ -27,7 +27,17 @@ struct Parameter {
   std::string allowed;  ///< in words
   std::function<bool(const XmlRpcValue& value, ServerConfig& config)> set;
   std::function<std::string(const ServerConfig& config)> text;
+  // Of parameters that may change while the node runs.
+  std::function<XmlRpcValue(const ServerConfig& config)> value{};
+  XmlRpcValue min{std::string()}, max{std::string()};
+  std::vector<std::string> words{};
+  bool live = false;
 };
+
+Parameter live(Parameter parameter) {
+  parameter.live = true;
+  return parameter;
+}
 
 template <class T>
 std::string toText(const T& value) {
@@ -72,7 +82,15 @@ Parameter number(const char* name, double min, double max, Member member) {
     member(config) = static_cast<Type>(*read);
     return true;
   };
-  return {name, allowed, set, [=](const ServerConfig& config) { return toText(member(config)); }};
+  // The parameter server and dynamic_reconfigure know int and double only.
+  using Shown = std::conditional_t<is_whole, int, double>;
+  return {name,
+          allowed,
+          set,
+          [=](const ServerConfig& config) { return toText(member(config)); },
+          [=](const ServerConfig& config) { return XmlRpcValue(static_cast<Shown>(member(config))); },
+          XmlRpcValue(static_cast<Shown>(min)),
+          XmlRpcValue(static_cast<Shown>(max))};
 }
 
 template <class Member>
@@ -95,8 +113,13 @@ Parameter flag(const char* name, Member member) {
     member(config) = static_cast<const bool&>(value);
     return true;
   };
-  return {name, "true or false", set,
-          [=](const ServerConfig& config) { return std::string(member(config) ? "true" : "false"); }};
+  return {name,
+          "true or false",
+          set,
+          [=](const ServerConfig& config) { return std::string(member(config) ? "true" : "false"); },
+          [=](const ServerConfig& config) { return XmlRpcValue(bool{member(config)}); },
+          XmlRpcValue(false),
+          XmlRpcValue(true)};
 }
 
 template <class Member>
@@ -141,13 +164,16 @@ Parameter choice(const char* name, const std::vector<std::string>& words, const 
     member(config) = fromWord(*read);
     return true;
   };
-  const auto text = [=](const ServerConfig& config) {
+  const auto wordOf = [=](const ServerConfig& config) {
     const auto word = std::find_if(words.begin(), words.end(), [&](const std::string& candidate) {
       return fromWord(candidate) == member(config);
     });
-    return word == words.end() ? std::string() : quoted(*word);
+    return word == words.end() ? std::string() : *word;
   };
-  return {name, allowed, set, text};
+  Parameter parameter{name, allowed, set, [=](const ServerConfig& config) { return quoted(wordOf(config)); },
+                      [=](const ServerConfig& config) { return XmlRpcValue(wordOf(config)); }};
+  parameter.words = words;
+  return parameter;
 }
 
 std::string sameWord(const std::string& word) { return word; }
@@ -257,12 +283,13 @@ std::vector<Parameter> searchParameters() {
       number("monitor/rotation_tolerance", 0.05, 1.0, MEMBER(monitor.rotation_tolerance_deg)),
       number("monitor/translation_tolerance", 0.01, 0.3, MEMBER(monitor.translation_tolerance_m)),
       number("monitor/window", 3, 1000, MEMBER(monitor.window)),
-      number("gate/min_significance", 0.0, 100.0, MEMBER(calibrator.gate.min_significance)),
-      number("gate/min_distinctness", 0.0, 100.0, MEMBER(calibrator.gate.min_distinctness)),
-      number("gate/min_rotation_deg", 0.0, 10.0, MEMBER(calibrator.gate.min_rotation_deg)),
-      number("gate/min_translation_m", 0.0, 10.0, MEMBER(calibrator.gate.min_translation_m)),
-      number("gate/max_rotation_sigma_deg", 0.0, 10.0, MEMBER(calibrator.gate.max_rotation_sigma_deg)),
-      number("gate/max_translation_sigma_m", 0.0, 10.0, MEMBER(calibrator.gate.max_translation_sigma_m)),
+      live(number("gate/min_significance", 0.0, 100.0, MEMBER(calibrator.gate.min_significance))),
+      live(number("gate/min_distinctness", 0.0, 100.0, MEMBER(calibrator.gate.min_distinctness))),
+      live(number("gate/min_rotation_deg", 0.0, 10.0, MEMBER(calibrator.gate.min_rotation_deg))),
+      live(number("gate/min_translation_m", 0.0, 10.0, MEMBER(calibrator.gate.min_translation_m))),
+      live(number("gate/max_rotation_sigma_deg", 0.0, 10.0, MEMBER(calibrator.gate.max_rotation_sigma_deg))),
+      live(
+          number("gate/max_translation_sigma_m", 0.0, 10.0, MEMBER(calibrator.gate.max_translation_sigma_m))),
       number("service_timeout", 0.1, 86400.0, MEMBER(service_timeout)),
   };
 }
@@ -274,9 +301,9 @@ std::vector<Parameter> outputParameters() {
       frameId("tf/correct_parent", MEMBER(tf_correct_parent)),
       frameId("tf/correct_child", MEMBER(tf_correct_child)),
       string("result_file", "a path or \"\"", MEMBER(result_file)),
-      choice("overlay/color", {"depth", "reflectivity", "normal", "segment", "mask"}, "",
-             MEMBER(overlay_color), overlayColorFromName),
-      flag("overlay/compare", MEMBER(overlay_compare)),
+      live(choice("overlay/color", {"depth", "reflectivity", "normal", "segment", "mask"}, "",
+                  MEMBER(overlay_color), overlayColorFromName)),
+      live(flag("overlay/compare", MEMBER(overlay_compare))),
   };
 }
 
@@ -423,6 +450,33 @@ std::string allowedValues(const std::string& name) { return find(name).allowed; 
 
 std::string parameterText(const ServerConfig& config, const std::string& name) {
   return find(name).text(config);
+}
+
+std::vector<LiveParameter> liveParameters() {
+  std::vector<LiveParameter> result;
+  for (const Parameter& parameter : table()) {
+    if (parameter.live)
+      result.push_back({parameter.name, parameter.allowed, parameter.min, parameter.max, parameter.words});
+  }
+  return result;
+}
+
+XmlRpcValue parameterValue(const ServerConfig& config, const std::string& name) {
+  const Parameter& parameter = find(name);
+  if (!parameter.live) refuse("parameter " + name + " cannot change while the node runs");
+  return parameter.value(config);
+}
+
+void setLiveParameters(const Parameters& values, ServerConfig& config) {
+  ServerConfig tried = config;
+  for (const auto& [name, value] : values) {
+    const Parameter& parameter = find(name);
+    if (!parameter.live)
+      refuse("parameter " + name + " cannot change while the node runs; set it before the start");
+    if (!parameter.set(value, tried))
+      refuse("parameter " + name + " = " + toText(value) + ": must be " + parameter.allowed);
+  }
+  for (const auto& [name, value] : values) find(name).set(value, config);
 }
 
 ServerConfig readServerConfig(const ParameterSource& source) {

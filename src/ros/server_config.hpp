@@ -89,6 +89,24 @@ std::string parameterText(const ServerConfig& config, const std::string& name);
 /// @throw Error(kParameter) naming the parameter, its value and what is allowed.
 ServerConfig readServerConfig(const ParameterSource& source);
 
+/// A parameter that may change while the node runs, as tools show it.
+struct LiveParameter {
+  std::string name;
+  std::string allowed;             ///< in words
+  XmlRpc::XmlRpcValue min, max;    ///< of the type of its values; "" for words
+  std::vector<std::string> words;  ///< of a choice
+};
+
+/// Those of the gate and of the drawing.
+std::vector<LiveParameter> liveParameters();
+
+/// @throw Error(kParameter) for one that is not live.
+XmlRpc::XmlRpcValue parameterValue(const ServerConfig& config, const std::string& name);
+
+/// All values, or none: @throw Error(kParameter) naming the parameter, its value and what is allowed.
+/// Touches no member of another parameter.
+void setLiveParameters(const Parameters& values, ServerConfig& config);
+
 /// A sentence for each name that is no parameter, with the most similar one that is.
 std::vector<std::string> unknownParameters(const std::vector<std::string>& names);
 
