@@ -20,6 +20,7 @@
 
 #include "conversions.hpp"
 #include "driver_clouds.hpp"
+#include "lidar_camera_recalibration/calibration_formats.hpp"
 #include "lidar_camera_recalibration/extrinsic.hpp"
 #include "lidar_camera_recalibration/result_file.hpp"
 #include "tool_fixture.hpp"
@@ -88,7 +89,7 @@ class BagsTest : public ToolTest {
     const Finished run = call("calibrate_bag " + arguments + " --out good.yaml");
     ASSERT_EQ(run.status, 0) << run.output;
     const ExtrinsicError error = extrinsicError(readCalibration(path("good.yaml")).T_camera_lidar,
-                                                readCalibration(truth).T_camera_lidar);
+                                                readExtrinsic(truth).T_camera_lidar);
     EXPECT_LT(error.angle() / kDegree, max_deg) << arguments;
     EXPECT_LT(100.0 * error.distance(), max_cm) << arguments;
     std::printf("%s: %.3f deg, %.1f cm\n", arguments.c_str(), error.angle() / kDegree,
