@@ -66,7 +66,7 @@ TEST(Calibrator, LeavesAGoodExtrinsicAlone) {
 }
 
 TEST(Calibrator, RefusesAResultOnTheBorderOfTheRange) {
-  const Eigen::Isometry3d start = perturbed(5.0, 0.05);
+  const Eigen::Isometry3d start = perturbed(2.0, 0.02);
   CalibratorConfig config = quickConfig();
   config.range.rotation_deg = 1.0;
   config.range.translation_m = 0.0;

@@ -71,7 +71,8 @@ TEST(Gate, SaysWhyItRefuses) {
   expectRefused("is as good", [](auto& outcome) { outcome.after.total = 0.4; });
   expectRefused("standard deviation of the rotation about y is 0.35 deg",
                 [](auto& outcome) { outcome.unseen.scatter[1] = 0.35 * kDegree; });
-  expectRefused("determine no axis", [](auto& outcome) { outcome.kept.fill(true); });
+  expectRefused("determine the rotation about z to only 0.40 deg (gate/max_rotation_sigma_deg is 0.30 deg)",
+                [](auto& outcome) { (*outcome.covariance)(2, 2) = 0.16 * kDegree * kDegree; });
 }
 
 TEST(Gate, RefusesTheBorderOfTheSearchRange) {
@@ -172,10 +173,11 @@ TEST(Gate, OfTwoAxesThatTheFramesCannotTellApartOneIsCorrected) {
   const Eigen::Isometry3d result = exp(truth + 0.7 * confused) * start;  // the error that they allow
   const Determined determined = keepUndetermined(result, covariance, start, GateConfig());
   EXPECT_EQ(std::count(determined.kept.begin(), determined.kept.end(), true), 1);
-  EXPECT_TRUE(determined.kept[0]) << "0.5 of 0.3 deg is more than 0.12 of 0.1 m";
+  EXPECT_TRUE(determined.kept[4]) << "the rotation is always corrected";
   const Vector6d left = log(determined.T_camera_lidar * start.inverse());
-  EXPECT_NEAR(left[0], 0.0, 1e-12);
-  EXPECT_LT(std::sqrt(determined.covariance(4, 4)), 0.02);
+  EXPECT_NEAR(left[4], 0.0, 1e-12);
+  EXPECT_NEAR(left[0] / kDegree, 1.0, 0.05);
+  EXPECT_LT(std::sqrt(determined.covariance(0, 0)), 0.05 * kDegree);
 }
 
 TEST(Strips, HoldAllOfAFrameOnce) {

@@ -23,8 +23,8 @@ struct GateConfig {
   // no standard deviation knows of.
   double min_rotation_deg = 0.05;
   double min_translation_m = 0.02;
-  // An axis with a larger standard deviation keeps the value of the start; and parts of the frames must agree
-  // on the others to this.
+  // Largest standard deviations. An axis of the translation that is known less well keeps the value of the
+  // start; parts of the frames must agree on the others to this.
   double max_rotation_sigma_deg = 0.3;
   double max_translation_sigma_m = 0.1;
 };

@@ -43,6 +43,9 @@ const char* nameOf(Eigen::Index axis) {
   return kNames[axis];
 }
 
+/// The rest of the parameter's name.
+const char* limitOf(Eigen::Index axis) { return axis < 3 ? "rotation_sigma_deg" : "translation_sigma_m"; }
+
 /// Of the corrected axes the one where `values` is the largest share of `limits`.
 Eigen::Index worstAxis(const CalibrationOutcome& result, const Vector6d& values, const Vector6d& limits) {
   Vector6d shares = values.cwiseAbs().cwiseQuotient(limits.cwiseMax(1e-12));
@@ -88,11 +91,13 @@ GateCheck distinctnessCheck(double distinctness, const GateConfig& gate) {
 }
 
 GateCheck determinedCheck(const CalibrationOutcome& result, const GateConfig& gate) {
-  const auto kept = std::count(result.kept.begin(), result.kept.end(), true);
-  return {"Axes that the frames determine", format("%d", static_cast<int>(6 - kept)), "at least 1", kept < 6,
-          format("the frames determine no axis to %.2f deg or %.3f m (gate/max_rotation_sigma_deg, "
-                 "gate/max_translation_sigma_m); take more frames",
-                 gate.max_rotation_sigma_deg, gate.max_translation_sigma_m)};
+  const Vector6d most = sigmaLimits(gate), sigma = sigmas(result);
+  const Eigen::Index worst = worstAxis(result, sigma, most);
+  const std::string known = amount(worst, sigma[worst]), needed = amount(worst, most[worst]);
+  return {"Corrected axes are determined (\u03c3)", std::string(nameOf(worst)) + " " + known,
+          "at most " + needed, sigma[worst] <= most[worst],
+          format("the frames determine the %s to only %s (gate/max_%s is %s); take more frames",
+                 nameOf(worst), known.c_str(), limitOf(worst), needed.c_str())};
 }
 
 GateCheck agreementCheck(const CalibrationOutcome& result, const GateConfig& gate) {
@@ -105,8 +110,7 @@ GateCheck agreementCheck(const CalibrationOutcome& result, const GateConfig& gat
       format(
           "searches on parts of the frames disagree: the standard deviation of the %s is %s (gate/max_%s is "
           "%s); take more frames or a better start",
-          nameOf(worst), found.c_str(), worst < 3 ? "rotation_sigma_deg" : "translation_sigma_m",
-          needed.c_str())};
+          nameOf(worst), found.c_str(), limitOf(worst), needed.c_str())};
 }
 
 GateCheck gainCheck(const CalibrationOutcome& result, const GateConfig& gate) {
@@ -175,7 +179,8 @@ Determined keepUndetermined(const Eigen::Isometry3d& result, const Matrix6d& cov
   Matrix6d& left = determined.covariance;  // of the axes not kept, given the values of the kept ones
   for (;;) {
     Vector6d shares = left.diagonal().cwiseSqrt().cwiseQuotient(most.cwiseMax(1e-12));
-    for (std::size_t axis = 0; axis < 6; ++axis) {
+    shares.head<3>().setZero();
+    for (std::size_t axis = 3; axis < 6; ++axis) {
       if (determined.kept[axis]) shares[static_cast<Eigen::Index>(axis)] = 0.0;
     }
     Eigen::Index worst = 0;

@@ -14,8 +14,10 @@ struct Determined {
   std::array<bool, 6> kept = {};
 };
 
-/// The result with the start's values on the axes whose standard deviation is too large, worst first; the
-/// others are what is most likely with these values. So the frames correct what they know, and no more.
+/// The result with the start's values on the axes of the translation whose standard deviation is too large,
+/// worst first; the others are what is most likely with these values. So the frames correct what they know,
+/// and no more. A rotation that is not known is another matter: the start's value in its place would spoil
+/// all the rest.
 Determined keepUndetermined(const Eigen::Isometry3d& result, const Matrix6d& covariance,
                             const Eigen::Isometry3d& start, const GateConfig& config);
 
