@@ -98,6 +98,15 @@ TEST_F(DriftMonitorTest, TheWindowHoldsTheNewestFrames) {
   EXPECT_EQ(monitor.window(truth()).statistic, only_newest.window(truth()).statistic);
 }
 
+TEST_F(DriftMonitorTest, AFrameThatIsNotKeptIsJudgedAlone) {
+  DriftMonitor monitor{DriftConfig()};
+  monitor.add(*evaluator(0), truth());
+  const double before = monitor.window(truth()).statistic;
+  EXPECT_EQ(monitor.add(*evaluator(1), truth(), false).frames, 1u);
+  EXPECT_EQ(monitor.window(truth()).frames, 1u);
+  EXPECT_EQ(monitor.window(truth()).statistic, before);
+}
+
 TEST_F(DriftMonitorTest, OneFrameCountsForItself) {
   DriftMonitor monitor{DriftConfig()};
   const DriftVerdict first = monitor.add(*evaluator(0), truth());

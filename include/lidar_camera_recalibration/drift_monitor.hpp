@@ -36,8 +36,9 @@ class DriftMonitor {
 
   /// The next frame. Those that were seen under another extrinsic are forgotten.
   /// @param evaluator  of this frame alone; of objective `consistency_edges`, others cannot tell
+  /// @param keep  into the window; false for a frame that shows what another one showed, or shows it badly
   /// @return what this frame alone says
-  DriftVerdict add(const Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar);
+  DriftVerdict add(const Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar, bool keep = true);
 
   /// What the frames of the window say together about an extrinsic; nothing if they were seen under another
   /// one.

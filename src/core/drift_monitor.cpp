@@ -76,14 +76,17 @@ DriftMonitor::Scores DriftMonitor::score(const Evaluator& evaluator,
   return scores;
 }
 
-DriftVerdict DriftMonitor::add(const Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar) {
+DriftVerdict DriftMonitor::add(const Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar,
+                               bool keep) {
   Scores scores = score(evaluator, T_camera_lidar);
   if (scores.empty()) return {};
+  const DriftVerdict alone = judge({scores});
+  if (!keep) return alone;
   if (T_camera_lidar.matrix() != T_camera_lidar_.matrix()) reset();
   T_camera_lidar_ = T_camera_lidar;
   frames_.push_back(std::move(scores));
   if (frames_.size() > window_) frames_.pop_front();
-  return judge({frames_.back()});
+  return alone;
 }
 
 DriftVerdict DriftMonitor::window(const Eigen::Isometry3d& T_camera_lidar) const {

@@ -146,10 +146,11 @@ void FramePipeline::score(const FrameMessages& messages, const Prepared& prepare
   const Score score = (*evaluator)(extrinsic);
   CalibrationScore message =
       scoreMessage(messages.image->header, score, validityIndex(*evaluator, extrinsic));
-  const DriftVerdict drift = drift_monitor_.add(*evaluator, extrinsic);
-  addDrift(drift, drift_monitor_.window(extrinsic), config_.monitor, message);
   message.reason = buffer_.add(frame, messages.image->header.stamp, prepared.turn_rate_deg);
   message.used = message.reason.empty();
+  // At a traffic light the window would fill with one view, and one view can be wrong.
+  const DriftVerdict drift = drift_monitor_.add(*evaluator, extrinsic, message.used);
+  addDrift(drift, drift_monitor_.window(extrinsic), config_.monitor, message);
   if (message.used && outputs_.kept) outputs_.kept(frame);
   newest_ = Newest{frame, messages.image->header, messages.cloud->header};
   newest_->cloud_header.frame_id = frameIds(messages, config_).lidar;
