@@ -107,8 +107,9 @@ TEST(LidarEdges, LieOnTheOutlineOfTheNearerSurface) {
   }
   const int rings_on_board = 28, steps_on_board = 140;  // 2 atan(1/8) / 0.5 deg; 2 atan(1/4) / 0.2 deg
   EXPECT_NEAR(count[0], 2 * rings_on_board, 4);
-  EXPECT_NEAR(gap_weight, 2 * steps_on_board, 6) << "the samples of a gap count as one edge";
-  EXPECT_NEAR(count[1], 5 * gap_weight, 0.1 * count[1]) << "0.5 deg in steps of 0.1 deg";
+  EXPECT_NEAR(gap_weight, 0.6 * 2 * steps_on_board, 6)
+      << "the samples of a gap of 0.5 deg together count as 0.6 of an edge";
+  EXPECT_NEAR(count[1], 5 * 2 * steps_on_board, 0.1 * count[1]) << "0.5 deg in steps of 0.1 deg";
   EXPECT_GE(count[2], rings_on_board - 2);
   EXPECT_LE(count[2], 3 * rings_on_board) << "at most the step and a point to either side";
 }

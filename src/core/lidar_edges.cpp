@@ -34,6 +34,7 @@ constexpr float kStepToScatter = 4.0f;
 
 constexpr float kFullGap = 2.0f;           // [m]; smaller steps of the range count less
 constexpr float kFullReflectivity = 0.2f;  // likewise
+constexpr float kFullRingGap = 0.3f * static_cast<float>(kDegree);  // [rad]; wider gaps count less
 
 // The gap between two rings is sampled this finely [rad], but by not more than so many places.
 constexpr float kGapSampling = 0.1f * static_cast<float>(kDegree);
@@ -311,17 +312,19 @@ class EdgeFinder {
   // Somewhere between the near point and the ring that misses its surface the silhouette runs, all places are
   // as likely: the edge is sampled over the whole gap. Then a border anywhere in the gap pulls to neither
   // side, where the middle alone would be drawn by the gap's half width, 2.5 px of 64 beams and 12 px of 16.
+  // The wider the gap, the less the silhouette tells.
   void addSilhouetteBetween(std::size_t near, std::size_t far, const Ring& other) {
     const Eigen::Vector3f& p = cloud_.points[near];
     const float from = std::hypot(p.x(), p.y()), to = distanceOnSurface(near, other);
     const float height = other.height + other.slope * to;
     const float width = std::abs(std::atan2(height, to) - elevation_[near]);
     const int samples = std::clamp(static_cast<int>(std::ceil(width / kGapSampling)), 1, kMaxGapSamples);
+    const float weight = gapWeight(near, far) * std::min(1.0f, kFullRingGap / width);
     for (int k = 0; k < samples; ++k) {
       const float share = (static_cast<float>(k) + 0.5f) / static_cast<float>(samples);
       const float stretch = 1.0f + share * (to / from - 1.0f);
       add({stretch * p.x(), stretch * p.y(), p.z() + share * (height - p.z())},
-          gapWeight(near, far) / static_cast<float>(samples), EdgePoints::Kind::kRingGap);
+          weight / static_cast<float>(samples), EdgePoints::Kind::kRingGap);
     }
   }
 

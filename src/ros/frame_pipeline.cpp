@@ -148,8 +148,7 @@ void FramePipeline::score(const FrameMessages& messages, const Prepared& prepare
       scoreMessage(messages.image->header, score, validityIndex(*evaluator, extrinsic));
   message.reason = buffer_.add(frame, messages.image->header.stamp, prepared.turn_rate_deg);
   message.used = message.reason.empty();
-  // At a traffic light the window would fill with one view, and one view can be wrong.
-  const DriftVerdict drift = drift_monitor_.add(*evaluator, extrinsic, message.used);
+  const DriftVerdict drift = drift_monitor_.add(*evaluator, extrinsic, isNewToMonitor(prepared, extrinsic));
   addDrift(drift, drift_monitor_.window(extrinsic), config_.monitor, message);
   if (message.used && outputs_.kept) outputs_.kept(frame);
   newest_ = Newest{frame, messages.image->header, messages.cloud->header};
@@ -160,6 +159,16 @@ void FramePipeline::score(const FrameMessages& messages, const Prepared& prepare
   publish(message, messages);
   pictures_due_ = true;
   ++scored_;
+}
+
+/// At a traffic light the window would fill with one view, and one view can be wrong.
+bool FramePipeline::isNewToMonitor(const Prepared& prepared, const Eigen::Isometry3d& extrinsic) {
+  if (prepared.turn_rate_deg > config_.frames_max_turn_rate_deg) return false;
+  FrameView view(*prepared.frame);
+  const bool begins = drift_monitor_.window(extrinsic).frames == 0;
+  if (!begins && watched_ && view.changeFrom(*watched_) < config_.frames_min_view_change) return false;
+  watched_ = std::move(view);
+  return true;
 }
 
 void FramePipeline::refuse(const FrameMessages& messages, std::uint64_t& counter, const std::string& reason) {

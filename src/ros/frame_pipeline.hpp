@@ -13,6 +13,7 @@
 #include "frame_buffer.hpp"
 #include "frame_builder.hpp"
 #include "frame_synchroniser.hpp"
+#include "frame_view.hpp"
 #include "lidar_camera_recalibration/drift_monitor.hpp"
 #include "lidar_camera_recalibration/error.hpp"
 #include "lidar_camera_recalibration/objective.hpp"
@@ -71,6 +72,7 @@ class FramePipeline {
   };
   Prepared prepare(const FrameMessages& messages, const Eigen::Isometry3d& extrinsic, const FrameIds& ids);
   void score(const FrameMessages& messages, const Prepared& prepared, const Eigen::Isometry3d& extrinsic);
+  bool isNewToMonitor(const Prepared& prepared, const Eigen::Isometry3d& extrinsic);
   void refuse(const FrameMessages& messages, std::uint64_t& counter, const std::string& reason);
   cv::Mat overlay(const FramePtr& frame, const Eigen::Isometry3d& T_camera_lidar,
                   const std::string& state) const;
@@ -86,6 +88,7 @@ class FramePipeline {
   FrameBuffer buffer_;
   std::unique_ptr<Objective> objective_;
   DriftMonitor drift_monitor_;
+  std::optional<FrameView> watched_;  ///< of the frame that entered the monitor's window last
   RepeatFilter repeat_filter_;
   std::deque<FrameMessages> ready_;
 
