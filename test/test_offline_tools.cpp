@@ -72,7 +72,8 @@ TEST_F(OfflineToolsTest, RealFramesAreCalibrated) {
 TEST_F(OfflineToolsTest, RejectedResultsSaySo) {
   NEEDS_DATA;
   const Finished run = call(
-      "calibrate_bag k.bag --initial k.truth.yaml --out rejected.yaml --min-frames 2 --set gate/min_distinctness=100"
+      "calibrate_bag k.bag --initial k.truth.yaml --out rejected.yaml --min-frames 2 --set "
+      "gate/min_distinctness=100"
       " --set search_range/rotation_deg=0.5");
   EXPECT_EQ(run.status, 3) << run.output;
   const StoredCalibration result = readCalibration(path("rejected.yaml"));
@@ -237,8 +238,9 @@ TEST_F(OfflineToolsTest, CloudsOfAMovingVehicleNeedTheFixedFrame) {
   const auto [angle, distance] = error("odom");
   EXPECT_LT(angle, 0.1);
   EXPECT_LT(distance, 0.03);
-  // Each cloud is seen from 60 cm further on than its image, and skewed.
-  EXPECT_GT(error("").second, 0.08);
+  // Each cloud is seen from 60 cm further on than its image, and skewed. Axes on which the frames scatter too
+  // much for that keep the start's values, so it is not worse.
+  EXPECT_GT(error("").second, 3.0 * distance);
 
   const Finished unknown = call("calibrate_bag moving.bag --set fixed_frame=map");
   EXPECT_EQ(unknown.status, 1) << unknown.output;
