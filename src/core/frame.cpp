@@ -200,6 +200,7 @@ FramePtr makeFrame(double stamp, const Camera& camera, const cv::Mat& image,
     chosen.push_back(i);
     chosen_visible.push_back(visible[i]);
   }
+  chosen_visible.shrink_to_fit();
   return std::make_shared<const Frame>(
       Frame{stamp, camera, std::move(colour), std::move(masks), framePoints(cropped, features, chosen),
             std::move(chosen_visible), std::move(edges), std::move(borders)});
