@@ -20,6 +20,8 @@ import sys
 import numpy
 import yaml
 
+from calibrate_fleet import trend
+
 DAY = 86400.0
 START = 1700000000.0  # of the first bag [s]
 APART = 7 * DAY  # from bag to bag of a vehicle
@@ -41,21 +43,10 @@ def arguments():
     return parser.parse_args()
 
 
-def turn(degrees):
-    """@return rotation matrix of a rotation vector"""
-    vector = numpy.radians(degrees)
-    angle = numpy.linalg.norm(vector)
-    if angle == 0:
-        return numpy.eye(3)
-    x, y, z = vector / angle
-    K = numpy.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return numpy.eye(3) + math.sin(angle) * K + (1 - math.cos(angle)) * K @ K
-
-
 def moved(T, degrees, metres):
     """@return T with a rotation and a translation on the side of the camera"""
     result = numpy.array(T, float)
-    result[:3, :3] = turn(numpy.array(degrees, float)) @ result[:3, :3]
+    result[:3, :3] = trend.turn(numpy.radians(degrees)) @ result[:3, :3]
     result[:3, 3] += metres
     return result
 

@@ -55,7 +55,8 @@ TEST(Methods, AreObjectiveAndSearch) {
 TEST(Methods, VariantsHaveTheLastWord) {
   const CommonParameters common = {"", {"gate/min_significance=0.25", "gate/min_distinctness=0.25"}};
   const Method method = parseMethod(
-      "paper:gate/min_significance=0.5,initial/T_camera_lidar=[0,-1,0,1, 0,0,-1,2, 1,0,0,3, 0,0,0,1]", common);
+      "paper:gate/min_significance=0.5,initial/T_camera_lidar=[0,-1,0,1, 0,0,-1,2, 1,0,0,3, 0,0,0,1]",
+      common);
   EXPECT_EQ(method.name, "paper");
   EXPECT_EQ(method.config.calibrator.search.search, "paper");
   EXPECT_EQ(method.config.calibrator.gate.min_significance, 0.5);

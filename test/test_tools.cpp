@@ -248,7 +248,8 @@ TEST(Parameters, WordsComeAfterTheFile) {
   const auto path =
       std::filesystem::temp_directory_path() / ("test_tools_" + std::to_string(getpid()) + ".yaml");
   std::ofstream(path) << "gate: {min_significance: 0.5, min_distinctness: 0.25}\nframes:\n  min: 3\n";
-  const ServerConfig config = loadServerConfig(path.string(), {"gate/min_significance=0.125", "camera_frame=eye"});
+  const ServerConfig config =
+      loadServerConfig(path.string(), {"gate/min_significance=0.125", "camera_frame=eye"});
   std::filesystem::remove(path);
   EXPECT_EQ(config.calibrator.gate.min_significance, 0.125);
   EXPECT_EQ(config.calibrator.gate.min_distinctness, 0.25);

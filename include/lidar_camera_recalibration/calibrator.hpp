@@ -85,7 +85,7 @@ std::vector<GateCheck> gateChecks(const CalibrationOutcome& result, const Calibr
 
 /// Share of a fixed pattern of perturbations (+-0.5 and 1 deg, +-10 and 20 cm on each axis) that scores worse
 /// than T: 1 at a clean optimum, about 0.5 at an arbitrary place.
-double validityIndex(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar, int threads = 1);
+double validityIndex(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar);
 
 /// By how many standard deviations of the scores around it (rotations by up to 4 deg on each axis) T stands
 /// out from them. A true optimum rises far above; wrong ones are merely the highest of many random ups and

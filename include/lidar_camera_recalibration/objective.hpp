@@ -46,10 +46,6 @@ class Evaluator {
  public:
   virtual ~Evaluator() = default;
   virtual Score operator()(const Eigen::Isometry3d& T_camera_lidar) = 0;
-
-  /// Of many extrinsics, each the same as alone.
-  /// @param threads  at most so many; 1 where each thread would need an evaluator of its own
-  virtual std::vector<Score> scores(const std::vector<Eigen::Isometry3d>& extrinsics, int threads);
 };
 
 /// Extrinsics that bound what is scored: see Objective::evaluator.

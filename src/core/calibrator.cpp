@@ -31,8 +31,9 @@ Frames agreeingFrames(const Search& search, const Objective& objective, const Fr
 
 }  // namespace
 
-double validityIndex(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar, int threads) {
-  std::vector<Eigen::Isometry3d> extrinsics{T_camera_lidar};
+double validityIndex(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar) {
+  const double here = evaluator(T_camera_lidar).total;
+  int worse = 0, count = 0;
   for (int axis = 0; axis < 6; ++axis) {
     const std::array<double, 2> steps =
         axis < 3 ? std::array<double, 2>{0.5 * kDegree, 1.0 * kDegree} : std::array<double, 2>{0.1, 0.2};
@@ -40,14 +41,12 @@ double validityIndex(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lid
       for (const double sign : {-1.0, 1.0}) {
         Vector6d xi = Vector6d::Zero();
         xi[axis] = sign * step;
-        extrinsics.push_back(exp(xi) * T_camera_lidar);
+        worse += evaluator(exp(xi) * T_camera_lidar).total < here;
+        ++count;
       }
     }
   }
-  const std::vector<Score> scores = evaluator.scores(extrinsics, threads);
-  const auto worse = std::count_if(scores.begin() + 1, scores.end(),
-                                   [&](const Score& score) { return score.total < scores.front().total; });
-  return static_cast<double>(worse) / static_cast<double>(scores.size() - 1);
+  return static_cast<double>(worse) / count;
 }
 
 CalibrationOutcome calibrate(const Frames& frames, const Eigen::Isometry3d& start,

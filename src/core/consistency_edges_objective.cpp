@@ -6,7 +6,6 @@
 
 #include "lidar_camera_recalibration/error.hpp"
 #include "multiversion.hpp"
-#include "parallel.hpp"
 
 namespace lidar_camera_recalibration {
 namespace {
@@ -127,43 +126,21 @@ ConsistencyEdgesEvaluator::ConsistencyEdgesEvaluator(std::vector<View> views, do
 }
 
 Score ConsistencyEdgesEvaluator::operator()(const Eigen::Isometry3d& T_camera_lidar) {
-  Score result;
-  score(&T_camera_lidar, 1, &result);
-  return result;
-}
-
-std::vector<Score> ConsistencyEdgesEvaluator::scores(const std::vector<Eigen::Isometry3d>& extrinsics,
-                                                     int threads) {
-  constexpr std::size_t kTogether = 16;
-  std::vector<Score> result(extrinsics.size());
-  const std::size_t batches = (result.size() + kTogether - 1) / kTogether;
-  parallelFor(batches, static_cast<std::size_t>(threads), [&](std::size_t, std::size_t batch) {
-    const std::size_t first = batch * kTogether;
-    score(&extrinsics[first], std::min(kTogether, result.size() - first), &result[first]);
-  });
-  return result;
-}
-
-// One frame after the other, so that it is fetched into the cache once for all extrinsics.
-void ConsistencyEdgesEvaluator::score(const Eigen::Isometry3d* extrinsics, std::size_t count,
-                                      Score* scores) const {
-  std::vector<BlockSums> edge_sums(count, BlockSums{});
+  Score score;
+  BlockSums edge_sums = {};
   RegionInformation information;
   for (const View& view : views_) {
-    for (std::size_t i = 0; i < count; ++i) {
-      const Projection project(view.camera(), extrinsics[i]);
-      addEdges(view, project, kScoreLevel, edge_sums[i]);
-      std::size_t used = 0;
-      scores[i].region +=
-          information(view.frame->masks, view.points, project, used) / static_cast<double>(views_.size());
-      scores[i].points += used;
-      if (used > 0) scores[i].masks += view.frame->masks.maskCount();
-    }
+    const Projection project(view.camera(), T_camera_lidar);
+    addEdges(view, project, kScoreLevel, edge_sums);
+    std::size_t used = 0;
+    score.region +=
+        information(view.frame->masks, view.points, project, used) / static_cast<double>(views_.size());
+    score.points += used;
+    if (used > 0) score.masks += view.frame->masks.maskCount();
   }
-  for (std::size_t i = 0; i < count; ++i) {
-    scores[i].edges = meanOf(edge_sums[i], weight_);
-    scores[i].total = scores[i].edges + region_weight_ * scores[i].region;
-  }
+  score.edges = meanOf(edge_sums, weight_);
+  score.total = score.edges + region_weight_ * score.region;
+  return score;
 }
 
 double ConsistencyEdgesEvaluator::edgeScore(const Eigen::Isometry3d& T_camera_lidar,

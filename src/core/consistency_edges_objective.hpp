@@ -52,8 +52,6 @@ class ConsistencyEdgesEvaluator : public Evaluator {
   /// have some there.
   Score operator()(const Eigen::Isometry3d& T_camera_lidar) override;
 
-  std::vector<Score> scores(const std::vector<Eigen::Isometry3d>& extrinsics, int threads) override;
-
   /// S = mean of BoundaryField::closeness at the projected edges, by their weights; about -0.1..1, higher is
   /// better, 0 = chance.
   /// @param level  of kBoundaryWidths, below kScoreLevels
@@ -70,9 +68,6 @@ class ConsistencyEdgesEvaluator : public Evaluator {
   std::size_t edgeCount() const { return edge_count_; }
 
  private:
-  /// Writes the scores of `count` extrinsics.
-  void score(const Eigen::Isometry3d* extrinsics, std::size_t count, Score* scores) const;
-
   std::vector<View> views_;
   double region_weight_;
   std::size_t edge_count_ = 0;

@@ -46,20 +46,17 @@ Vector6d scatterOf(const std::vector<Vector6d>& deviations) {
 double distinctness(Evaluator& evaluator, const Eigen::Isometry3d& T_camera_lidar) {
   constexpr int kSteps = 2;
   constexpr double kStep = 2.0 * kDegree;
-  std::vector<Eigen::Isometry3d> extrinsics{T_camera_lidar};
+  double sum = 0.0, squares = 0.0;
+  int count = 0;
   for (const Eigen::Isometry3d& T : rotationGrid(T_camera_lidar, kSteps, kStep)) {
     if (extrinsicError(T, T_camera_lidar).angle() < 0.5 * kStep) continue;  // the middle of the grid
-    extrinsics.push_back(T);
+    const double score = evaluator(T).total;
+    sum += score;
+    squares += score * score;
+    ++count;
   }
-  const std::vector<Score> scores = evaluator.scores(extrinsics, 1);
-  double sum = 0.0, squares = 0.0;
-  for (std::size_t i = 1; i < scores.size(); ++i) {
-    sum += scores[i].total;
-    squares += scores[i].total * scores[i].total;
-  }
-  const auto count = static_cast<double>(scores.size() - 1);
   const double mean = sum / count, sigma = std::sqrt(std::max(0.0, squares / count - mean * mean));
-  return sigma > 0.0 ? (scores.front().total - mean) / sigma : 0.0;
+  return sigma > 0.0 ? (evaluator(T_camera_lidar).total - mean) / sigma : 0.0;
 }
 
 CrossValidation crossValidate(const Search& search, const Objective& objective, const Frames& frames,

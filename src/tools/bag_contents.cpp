@@ -35,8 +35,6 @@ std::string describe(const sensor_msgs::CameraInfo& info) {
   return text.str();
 }
 
-namespace {
-
 std::string format(const char* pattern, double value) {
   char text[64];
   std::snprintf(text, sizeof text, pattern, value);
@@ -48,6 +46,8 @@ std::string join(const std::set<std::string>& words) {
   for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
   return text;
 }
+
+namespace {
 
 void addHeader(TopicStats& stats, const std_msgs::Header& header, const ros::Time& recorded) {
   if (!stats.stamps.empty() && header.stamp < stats.stamps.back()) ++stats.backwards;

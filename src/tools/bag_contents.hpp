@@ -50,6 +50,10 @@ void readContents(const std::vector<std::unique_ptr<rosbag::Bag>>& bags, const s
 /// The topics' rates, gaps, delays, frames and kinds, on stdout.
 void printTable(const BagContents& contents);
 
+/// A number as printf writes it, and words in a row.
+std::string format(const char* pattern, double value);
+std::string join(const std::set<std::string>& words);
+
 std::string describe(const sensor_msgs::PointCloud2& cloud);
 std::string describe(const sensor_msgs::Image& image);
 std::string describe(const sensor_msgs::CameraInfo& info);

@@ -48,18 +48,6 @@ struct Check {
   bool no_masks, no_tf;
 };
 
-std::string format(const char* pattern, double value) {
-  char text[64];
-  std::snprintf(text, sizeof text, pattern, value);
-  return text;
-}
-
-std::string join(const std::set<std::string>& words) {
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
-  return text;
-}
-
 class Verdict {
  public:
   void ok(const std::string& text) { print("ok", text); }
